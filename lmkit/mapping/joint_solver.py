@@ -327,7 +327,7 @@ class JointSolver:
             poorly_determined_landmarks(LandmarkMap(current)),
             tuple(sorted({id_ for survey in surveys for id_ in survey.unplaced if id_ not in landmarks} - out)),
             tuple(sorted({v.id for k, v in enumerate(self.group.versions) if k in spreads and k in order})),
-            landmarks_off_constraint(self.constraints, LandmarkMap(current)),
+            landmarks_off_constraint(self.constraints, LandmarkMap(current), C[np.ix_(columns, columns)]),
             kept_out=kept_out,
             disputed=self.disputed,
         )

@@ -221,7 +221,7 @@ def survey_of(
         unplaced,
         int((~problem.used).sum()),
         ambiguous,
-        landmarks_off_constraint(constraints, bundle.landmarks),
+        landmarks_off_constraint(constraints, bundle.landmarks, bundle.joint),
         frames=solved.frames,
         odometry=dict(zip(solved.odometry, bundle.parameters.tolist(), strict=True)),
         odometry_sigmas=dict(zip(solved.odometry, bundle.parameter_sigmas.tolist(), strict=True)),
@@ -298,18 +298,21 @@ def poorly_determined_landmarks(landmarks: LandmarkMap) -> tuple[tuple[LandmarkI
 
 
 def landmarks_off_constraint(
-    constraints: Sequence[LandmarkConstraint], landmarks: LandmarkMap
+    constraints: Sequence[LandmarkConstraint], landmarks: LandmarkMap, joint: FloatArray
 ) -> tuple[tuple[LandmarkId, LandmarkConstraint, float], ...]:
-    """Landmarks off their constraints, with the constraint and the distance (m)."""
+    """Landmarks off their constraints, with the constraint and the distance (m).
+
+    Args:
+        joint: (6L,6L) their covariance.
+    """
     mapped = list(landmarks)
     R, p = np.array([m.T_map_landmark.R for m in mapped]), np.array([m.T_map_landmark.t for m in mapped])
-    sigmas = np.array([deviations(m) for m in mapped])
     found = []
     for constraint in constraints:
         members = [k for k, m in enumerate(mapped) if m.id in constraint.ids]
         if len(members) < 3:
             continue  # of two nobody knows which is off
-        for k, off, standardized in zip(members, *strays(constraint, members, R, p, sigmas), strict=True):
+        for k, off, standardized in zip(members, *strays(constraint, members, R, p, joint), strict=True):
             if standardized > OFF_CONSTRAINT_SIGMA:
                 found.append((mapped[k].id, constraint, float(off)))
     return tuple(found)

@@ -122,23 +122,27 @@ def constraint_rows(
 
 
 def strays(
-    constraint: LandmarkConstraint, members: Sequence[int], R: FloatArray, p: FloatArray, sigmas: FloatArray
+    constraint: LandmarkConstraint, members: Sequence[int], R: FloatArray, p: FloatArray, joint: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """How far each landmark is off what most of the others say: (n,) meters, and the same in standard deviations.
 
     Args:
-        sigmas: (L,2) standard deviations of places (m) and turns (rad), of all landmarks.
+        joint: (6L,6L) covariance of all landmarks: what all err by together puts none off another.
     """
+    C = joint.reshape(len(p), 6, len(p), 6)
     off, standardized = np.zeros(len(members)), np.zeros(len(members))
     for k, member in enumerate(members):
         others = [m for m in members if m != member]
         away = p[member] - p[others]
-        turned = np.zeros(len(others))
-        if constraint.kind == "height":
-            out = away[:, 2]
-        else:
-            out = np.einsum("ni,ni->n", R[others, :, 2], away)
-            turned = np.hypot(sigmas[others, 1], constraint.sigma_rad) * np.linalg.norm(away, axis=1)
-        spread = np.sqrt(2 * constraint.sigma_m**2 + sigmas[member, 0] ** 2 + sigmas[others, 0] ** 2 + turned**2)
+        normals = R[others][:, :, 2] if constraint.kind == "wall" else np.tile([0.0, 0.0, 1.0], (len(others), 1))
+        out = (normals * away).sum(axis=1)
+        turned = np.cross(normals, away) if constraint.kind == "wall" else np.zeros_like(away)
+        by_other, by_member = np.hstack([-normals, turned]), np.hstack([normals, np.zeros_like(away)])
+        J = np.stack([by_other, by_member], axis=1)  # (n-1,2,6)
+        pairs = np.array([[other, member] for other in others])
+        own = C[pairs[:, :, None], :, pairs[:, None]]  # (n-1,2,2,6,6)
+        known = np.einsum("nai,nabij,nbj->n", J, own, J)
+        leaning = constraint.sigma_rad * np.linalg.norm(turned, axis=1)
+        spread = np.sqrt(2 * constraint.sigma_m**2 + np.maximum(known, 0.0) + leaning**2)
         off[k], standardized[k] = np.median(np.abs(out)), np.median(np.abs(out) / spread)
     return off, standardized

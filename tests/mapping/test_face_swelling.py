@@ -52,7 +52,7 @@ def errors(problem, drive, shared):
 
 
 def shared_of(stated, columns):
-    """Of stated equations without the faces: the rows of shared unknowns, and of the rig, in some columns."""
+    """Rows of the shared unknowns without the faces, and of the rig, in some columns of stated equations."""
     border = stated.chain.dense_border()
     return stated.chain.corner[stated.places[:, None], columns], border[:, :, columns]
 

@@ -197,7 +197,7 @@ def test_recordings_together_know_the_room_better_than_one_alone():
     assert result.names == ("day0", "day1", "day2")
     assert not result.left_out
     assert not result.moved
-    assert largest_error_m(result.landmarks, ROOM) < 0.02
+    assert largest_error_m(result.landmarks, ROOM) < 0.03
     for one, survey in zip(made, result.surveys, strict=True):
         off = [pose @ one.rig.T_base_left.inverse() for pose in survey.bundle.left_poses()]
         assert np.median([np.linalg.norm(T.t[:2] - true[:2]) for T, true in zip(off, one.truth, strict=True)]) < 0.01

@@ -51,7 +51,7 @@ def test_a_wall_that_is_one_says_nothing_wherever_it_stands():
     spun = [T * Rotation.from_rotvec([0, 0, angle]) for angle in rng.normal(size=4)]
     rows = constraint_rows(WALL, range(4), np.array([r.as_matrix() for r in spun]), T.apply(flat) + 3.0)
     assert rows.residuals == pytest.approx(0.0, abs=1e-9)
-    off, _ = strays(WALL, range(4), np.array([r.as_matrix() for r in spun]), T.apply(flat) + 3.0, np.zeros((4, 2)))
+    off, _ = strays(WALL, range(4), np.array([r.as_matrix() for r in spun]), T.apply(flat) + 3.0, np.zeros((24, 24)))
     assert off == pytest.approx(0.0, abs=1e-9)
 
 
