@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lmkit.cli.calibrate_pairs import written_lines
 from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import print_json, print_line, require_no, write_outputs
 from lmkit.errors import InputError
@@ -122,5 +123,5 @@ def _write(rig: AnyRig, output: Path | None, force: bool, answer: dict[str, Any]
     if isinstance(answer, dict):
         print_json(answer)
         return
-    for line in (*answer, *(f"wrote {path}" for path in written)):
+    for line in (*answer, *written_lines(written, output)):
         print_line(line)

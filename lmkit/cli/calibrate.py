@@ -86,7 +86,7 @@ def run(
     """Calibrate cameras from images of a board."""
     from lmkit.calibration.initialization import models_by_camera
     from lmkit.calibration.stereo import calibrate_stereo, calibration_lines
-    from lmkit.cli.calibrate_pairs import both_sources, find_pairs, saved_corners, without_split
+    from lmkit.cli.calibrate_pairs import both_sources, find_pairs, saved_corners, without_split, written_lines
     from lmkit.cli.known_lenses import parse_declared
     from lmkit.cli.parsing import parse_board
     from lmkit.io.board_corners import corners_to_json
@@ -155,5 +155,5 @@ def run(
         print_json(result.to_dict())
         return
     print_line(f"result                 {calibration_summary(result)[1]}")
-    for line in (*calibration_lines(result), *(f"wrote                  {path}" for path in written)):
+    for line in (*calibration_lines(result), *written_lines(written, output)):
         print_line(line)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lmkit.cli.calibrate_pairs import written_lines
 from lmkit.cli.output import ProgressBars, print_json, print_line, write_outputs
 
 if TYPE_CHECKING:
@@ -46,5 +47,5 @@ def calibrate_cameras(
     print_line(f"result                 {summary}")
     for line in camera_lines(alone) if alone else rig_lines(result):
         print_line(line)
-    for path in written:
-        print_line(f"wrote                  {path}")
+    for line in written_lines(written, output):
+        print_line(line)

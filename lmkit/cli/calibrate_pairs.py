@@ -36,6 +36,12 @@ def without_split(sources: Sequence[str], side_by_side: bool) -> tuple[list[str]
     return list(sources), side_by_side
 
 
+def written_lines(written: Sequence[Path], output: Path | None) -> list[str]:
+    """The files written, and that the rig is in none of them where no file was named for it."""
+    lines = [f"wrote                  {path}" for path in written]
+    return lines if output is not None else [*lines, "not written            the rig; add -o rig.yaml to keep it"]
+
+
 def saved_corners(path: Path) -> Found:
     """Corners of a file."""
     from lmkit.io.board_corners import read_corners

@@ -12,7 +12,8 @@ from pydantic import Field, ValidationError
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
-from lmkit.io.documents import Document, first_problem, read_text
+from lmkit.io.documents import Document, read_text
+from lmkit.io.field_problems import first_problem
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView
 

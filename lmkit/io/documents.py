@@ -19,6 +19,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from lmkit.errors import InputError
+from lmkit.io.field_problems import first_problem
 
 if TYPE_CHECKING:
     _BaseLoader = yaml.SafeLoader
@@ -289,20 +290,6 @@ def read_document(path: Path, layout: type[DocumentT], what: str) -> DocumentT:
     except ValidationError as error:
         where, problem = first_problem(error)
         raise InputError("bad_value", f"{path}: {where}: {problem}", "see docs/formats.md") from None
-
-
-def first_problem(error: ValidationError) -> tuple[str, str]:
-    """(path of the key, what is wrong with it) of a validation's first complaint."""
-    detail = error.errors(include_url=False, include_context=False)[0]
-    where = ""
-    for part in detail["loc"]:
-        where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
-    no_keys = "holds no keys"
-    messages = {"extra_forbidden": "unknown key", "missing": "missing", "model_type": no_keys, "dict_type": no_keys}
-    if not detail["input"] and detail["type"] == "too_short":
-        messages["too_short"] = "holds nothing"
-    problem = messages.get(detail["type"], detail["msg"].removeprefix("Value error, "))
-    return where or "the file", problem
 
 
 class _TidyDumper(yaml.SafeDumper):

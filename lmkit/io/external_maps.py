@@ -20,6 +20,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.io.document_head import head_of
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
+from lmkit.io.field_problems import plain_problem
 from lmkit.io.landmark_map import FOREIGN_FAMILY, read_map
 from lmkit.io.map_plausibility import with_doubts
 from lmkit.io.marker_maps import (
@@ -157,7 +158,7 @@ def _from_wpilib(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap
             mapped.append(MappedLandmark(LandmarkId(family, int(tag["ID"])), size_m, T))
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(
-            "bad_layout", f"{path}: not a WPILib field layout ({error})", "give tags with ID and pose"
+            "bad_layout", f"{path}: not a WPILib field layout ({plain_problem(error)})", "give tags with ID and pose"
         ) from None
     return _map(path, mapped)
 
@@ -183,7 +184,9 @@ def _from_tagslam(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMa
                     mapped.append(MappedLandmark(LandmarkId(family, int(tag["id"])), size_m, T, C))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
-            "bad_tagslam", f"{path}: not a TagSLAM file with tags ({error})", "give tags with id, size and pose"
+            "bad_tagslam",
+            f"{path}: not a TagSLAM file with tags ({plain_problem(error)})",
+            "give tags with id, size and pose",
         ) from None
     return _map(path, mapped)
 

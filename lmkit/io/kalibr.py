@@ -17,7 +17,8 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, MountedCamera, Rig, mounted_cameras, with_time_offsets
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
+from lmkit.io.documents import dump_yaml, load_document, read_text
+from lmkit.io.field_problems import first_problem
 
 MOST_ERROR_PX = 1.0
 LEAST_DETERMINANT = 0.9  # of almost-rotations in files of few digits

@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from lmkit.errors import InputError
-from lmkit.io.documents import Document, first_problem, read_document
+from lmkit.io.documents import Document, read_document
+from lmkit.io.field_problems import first_problem
 
 MANIFEST: Literal["lmkit-prints/1"] = "lmkit-prints/1"
 Positive = Annotated[float, Field(gt=0)]

@@ -23,6 +23,7 @@ from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import load_document, load_json
+from lmkit.io.field_problems import plain_problem
 from lmkit.io.tables import to_number
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
@@ -235,7 +236,7 @@ class _named:  # noqa: N801  (used as a function)
     def __exit__(self, kind: Any, error: BaseException | None, at: Any) -> None:
         if isinstance(error, ValueError | KeyError | TypeError | AttributeError | IndexError | OverflowError):
             path, code, what, hint = self.parts
-            raise InputError(code, f"{path}: not {what} ({error})", hint) from None
+            raise InputError(code, f"{path}: not {what} ({plain_problem(error)})", hint) from None
 
 
 def _from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> FloatArray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
+from lmkit.io.field_problems import plain_problem
 from lmkit.io.landmark_map import FOREIGN_FAMILY
 from lmkit.io.tables import read_rows, to_number
 from lmkit.model.families import family_named
@@ -76,7 +77,9 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
             landmarks.append(_landmark(cells, by_name, defaults))
         except ValueError as error:
             raise InputError(
-                "bad_row", f"{path}: line {number}: {error}", "measure in meters; columns are in docs/formats.md"
+                "bad_row",
+                f"{path}: line {number}: {plain_problem(error)}",
+                "measure in meters; columns are in docs/formats.md",
             ) from None
     if not landmarks:
         raise InputError("no_landmarks", f"{path}: no row has a measurement", "fill in wall, left_m and height_m")

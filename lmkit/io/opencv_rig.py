@@ -20,7 +20,8 @@ from lmkit.geometry.rectification import rectification
 from lmkit.geometry.rig import AnyRig, Rig
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import PlainLoader, first_problem, load_document, read_text
+from lmkit.io.documents import PlainLoader, load_document, read_text
+from lmkit.io.field_problems import first_problem
 
 # Other names that people's own scripts give the same matrices.
 _NAMES = {

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lmkit.errors import InputError
+from lmkit.io.field_problems import plain_problem
 from lmkit.io.tables import read_rows, to_number, to_seconds
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import RangeBearing
@@ -50,7 +51,7 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
         except ValueError as error:
             raise InputError(
                 "bad_reading",
-                f"{path}: line {number} is not a reading ({error})",
+                f"{path}: line {number} is not a reading ({plain_problem(error)})",
                 "write time_s,code,range_m,bearing_rad",
             ) from None
         code = row[1].strip()

@@ -10,6 +10,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
+from lmkit.io.field_problems import plain_problem
 from lmkit.io.tables import read_rows, to_number, to_seconds
 from lmkit.model.corner_order import require_clockwise
 from lmkit.model.landmark_id import LandmarkId
@@ -129,7 +130,9 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
             raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
         except ValueError as error:
             raise InputError(
-                "bad_detection", f"{path}: line {number} is not a detection ({error})", "see docs/formats.md"
+                "bad_detection",
+                f"{path}: line {number} is not a detection ({plain_problem(error)})",
+                "see docs/formats.md",
             ) from None
         frames.setdefault(time, {name: [] for name in cameras})[side].append(observation)
     if not frames:
@@ -215,7 +218,9 @@ def _read_numbers(path: Path, what: str) -> dict[str, FloatArray]:
                 raise ValueError(f"{len(row)} values, but {len(header)} columns")
             table.append([(to_seconds if header[k] == "time_s" else to_number)(row[k]) for k in wanted])
         except ValueError as error:
-            raise InputError("bad_row", f"{path}: line {number}: {error}", f"see {what} in docs/formats.md") from None
+            raise InputError(
+                "bad_row", f"{path}: line {number}: {plain_problem(error)}", f"see {what} in docs/formats.md"
+            ) from None
     if len(table) < 2:
         raise InputError("too_short", f"{path}: fewer than two rows", "record for longer")
     columns = dict(zip([header[k] for k in wanted], np.array(table).T, strict=True))

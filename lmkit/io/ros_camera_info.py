@@ -17,7 +17,8 @@ from lmkit.geometry.rectification import rectification
 from lmkit.geometry.rig import Rig
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.io.documents import dump_yaml, first_problem, load_document, read_text
+from lmkit.io.documents import dump_yaml, load_document, read_text
+from lmkit.io.field_problems import first_problem
 from lmkit.io.tables import LARGEST
 
 FILES = ("left.yaml", "right.yaml")

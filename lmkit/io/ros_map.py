@@ -16,7 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lmkit.arrays import BoolArray
 from lmkit.errors import InputError
-from lmkit.io.documents import first_problem, load_document
+from lmkit.io.documents import load_document
+from lmkit.io.field_problems import first_problem
 from lmkit.io.floor_grid import floor_of_grid
 from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions
 from lmkit.io.images import read_gray

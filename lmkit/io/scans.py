@@ -16,6 +16,7 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
 from lmkit.io.bags import read_laser_messages
+from lmkit.io.field_problems import plain_problem
 from lmkit.io.tables import read_rows, to_number, to_seconds
 from lmkit.model.scan import LaserScan
 
@@ -71,7 +72,9 @@ def _scan_rows(path: Path, rows: Sequence[Sequence[str]]) -> Iterator[LaserScan]
                 raise ValueError(f"{len(ranges)} ranges")
             _require_angles(start, step)
         except (ValueError, IndexError) as error:
-            raise InputError("bad_scan", f"{path}: line {number} is not a scan ({error})", HINT) from None
+            raise InputError(
+                "bad_scan", f"{path}: line {number} is not a scan ({plain_problem(error)})", HINT
+            ) from None
         yield LaserScan(time_s, start, step, ranges)
 
 
@@ -88,7 +91,9 @@ def _beam_rows(path: Path, rows: Sequence[Sequence[str]], columns: int) -> Itera
                 (to_seconds(row[0]), number, angle, _to_range(row[2]), to_number(row[3]) if columns > 3 else 0.0)
             )
         except ValueError as error:
-            raise InputError("bad_scan", f"{path}: line {number} is not a beam ({error})", HINT) from None
+            raise InputError(
+                "bad_scan", f"{path}: line {number} is not a beam ({plain_problem(error)})", HINT
+            ) from None
     for time_s, group in groupby(beams, key=lambda beam: beam[0]):
         table = np.array([beam[1:] for beam in group])
         try:
@@ -96,7 +101,7 @@ def _beam_rows(path: Path, rows: Sequence[Sequence[str]], columns: int) -> Itera
             _require_angles(start, step)
         except ValueError as error:
             line = int(table[0, 0])
-            raise InputError("bad_scan", f"{path}: line {line}: not a scan ({error})", HINT) from None
+            raise InputError("bad_scan", f"{path}: line {line}: not a scan ({plain_problem(error)})", HINT) from None
         yield LaserScan(time_s, start, step, table[:, 2], table[:, 3] if columns > 3 else None)
 
 

@@ -16,6 +16,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rig import Rig
 from lmkit.io.documents import load_document
+from lmkit.io.field_problems import plain_problem
 
 PHOTONVISION = frozenset({"cameraIntrinsics", "resolution"})
 CALIBDB = frozenset({"camera_matrix", "img_size"})
@@ -50,7 +51,9 @@ def read_single_camera(path: Path, text: str) -> Rig:
             camera = _euroc(content)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
-            "bad_camera", f"{path}: not a camera calibration ({error})", "give the file as the tool wrote it"
+            "bad_camera",
+            f"{path}: not a camera calibration ({plain_problem(error)})",
+            "give the file as the tool wrote it",
         ) from None
     return Rig.of_one(camera)
 

@@ -13,7 +13,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from lmkit.errors import InputError
-from lmkit.io.documents import first_problem, read_text
+from lmkit.io.documents import read_text
+from lmkit.io.field_problems import first_problem
 
 LARGEST_BYTES = 1 << 20  # of a template: tomllib takes 0.6 s a megabyte
 PAPERS_MM = {

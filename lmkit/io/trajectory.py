@@ -16,6 +16,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import read_text
+from lmkit.io.field_problems import plain_problem
 from lmkit.io.tables import LARGEST, NANOSECONDS_FROM, to_number, to_seconds
 from lmkit.model.trajectory import Trajectory
 
@@ -95,7 +96,7 @@ def _checked_rows(path: Path, text: str) -> list[list[float]]:
         try:
             row = [to_seconds(words[0]), *(to_number(word) for word in words[1:])]
         except ValueError as error:
-            raise InputError("bad_trajectory", f"{path}: line {number}: {error}", _HINT) from None
+            raise InputError("bad_trajectory", f"{path}: line {number}: {plain_problem(error)}", _HINT) from None
         if len(row) < 8 or (len(row) > 8 and not has_more):
             raise InputError("bad_trajectory", f"{path}: line {number} holds {len(row)} numbers, not 8", _HINT)
         row = [row[k] for k in order]
@@ -153,7 +154,9 @@ def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
                 raise ValueError("its rotation matrix is not a rotation")
         except ValueError as error:
             raise InputError(
-                "bad_trajectory", f"{path}: pose {number + 1}: {error}", "write rows r11 r12 r13 tx r21 ... tz"
+                "bad_trajectory",
+                f"{path}: pose {number + 1}: {plain_problem(error)}",
+                "write rows r11 r12 r13 tx r21 ... tz",
             ) from None
         pose = Pose("map", "base", orthonormal(T[:, :3]), T[:, 3])
         rows.append([float(number), *pose.t, *pose.quaternion_xyzw])

@@ -10,7 +10,8 @@ from pydantic import Field, ValidationError
 
 from lmkit.detection.config import PROFILES
 from lmkit.errors import InputError
-from lmkit.io.documents import Document, first_problem, read_document
+from lmkit.io.documents import Document, read_document
+from lmkit.io.field_problems import first_problem
 from lmkit.live.loop import LoopSettings
 from lmkit.live.publication import PublicationRule
 from lmkit.live.source_address import SourceAddress, parse_source

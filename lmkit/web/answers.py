@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from lmkit.errors import InputError, LmkitError, NegativeAnswer
-from lmkit.io.documents import first_problem
+from lmkit.io.field_problems import first_problem
 
 MAX_JSON = 1024 * 1024
 MAX_UPLOAD = 64 * 1024 * 1024

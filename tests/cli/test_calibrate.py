@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from board_views import BOARD, views
 
+from lmkit.cli.calibrate_pairs import written_lines
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp
@@ -64,6 +65,11 @@ def test_corners_saved_before_calibrate_without_images(lmkit, corners, tmp_path)
     assert all(0 < e["calibration_m"] < e["total_m"] for e in row["depth_errors"])
     assert read_rig(tmp_path / "rig.yaml").baseline_m == pytest.approx(row["baseline_m"])
     assert (tmp_path / "r.html").read_text().startswith("<!doctype html>")
+
+
+def test_a_rig_that_is_not_written_is_named():
+    assert written_lines([Path("rig.yaml")], Path("rig.yaml")) == ["wrote                  rig.yaml"]
+    assert "-o rig.yaml" in written_lines([Path("r.html")], None)[-1]
 
 
 @pytest.mark.slow

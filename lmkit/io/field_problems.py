@@ -1,0 +1,72 @@
+"""Problems with values of a file, in a few plain words instead of those of Python and pydantic."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import ValidationError
+
+MOST_SHOWN = 40  # letters of a value
+# By pydantic's name of the problem; {value} and its limits are filled in.
+SENTENCES = {
+    "extra_forbidden": "unknown key",
+    "missing": "missing",
+    "model_type": "holds no keys",
+    "dict_type": "holds no keys",
+    "float_type": "{value} is not a number",
+    "float_parsing": "{value} is not a number",
+    "int_type": "{value} is not a whole number",
+    "int_parsing": "{value} is not a whole number",
+    "int_from_float": "{value} is not a whole number",
+    "finite_number": "{value} is not finite",
+    "string_type": "{value} is not text",
+    "string_too_short": "is empty",
+    "string_too_long": "is longer than {max_length} letters",
+    "string_pattern_mismatch": "{value} is not written as it should be",
+    "bool_type": "{value} is neither true nor false",
+    "bool_parsing": "{value} is neither true nor false",
+    "list_type": "{value} is not a list",
+    "tuple_type": "{value} is not a list",
+    "greater_than": "{value} is not above {gt}",
+    "greater_than_equal": "{value} is below {ge}",
+    "less_than": "{value} is not below {lt}",
+    "less_than_equal": "{value} is above {le}",
+    "literal_error": "{value} is unknown, {expected} is expected",
+    "too_short": "holds {actual_length} of at least {min_length} values",
+    "too_long": "holds more than {max_length} values",
+}
+
+
+def first_problem(error: ValidationError) -> tuple[str, str]:
+    """(path of the key, what is wrong with it) of a validation's first complaint."""
+    detail = error.errors(include_url=False)[0]
+    where = ""
+    for part in detail["loc"]:
+        where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
+    return where or "the file", _sentence(detail)
+
+
+def _sentence(detail: Any) -> str:
+    if detail["type"] == "too_short" and not detail["input"]:
+        return "holds nothing"
+    sentence = SENTENCES.get(detail["type"])
+    if sentence is None:
+        return str(detail["msg"].removeprefix("Value error, "))
+    given = detail["input"]
+    value = {True: "true", False: "false"}[given] if isinstance(given, bool) else repr(given)
+    if given is None:
+        return "holds no value"
+    shown = value if len(value) <= MOST_SHOWN else f"{value[:MOST_SHOWN]}..."
+    return sentence.format_map({**detail.get("ctx", {}), "value": shown})
+
+
+def plain_problem(error: Exception) -> str:
+    """A problem with values of a file, without Python's own words for a missing key or a wrong type."""
+    text = str(error)
+    if isinstance(error, KeyError):
+        return f"{error.args[0]} is missing"
+    if isinstance(error, TypeError | AttributeError | IndexError):
+        return "a value or list stands where another kind is expected"
+    if text.startswith(("invalid literal for int", "could not convert string to float")):
+        return f"{text.rpartition(': ')[2]} is not a number"
+    return text
