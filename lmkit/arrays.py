@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -35,11 +37,25 @@ def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     return array
 
 
+def stacked(parts: Sequence[FloatArray], shape: tuple[int, ...]) -> FloatArray:
+    """(N, ...) of N arrays of a shape, which may be none."""
+    return np.concatenate(parts).reshape(-1, *shape) if len(parts) else np.zeros((0, *shape))
+
+
 def is_covariance(matrix: FloatArray) -> bool:
     """Symmetric, and not negative in any direction, to rounding."""
     scale = max(float(np.abs(matrix).max()), 1e-300)
     symmetric = bool(np.allclose(matrix, matrix.T, rtol=0, atol=1e-9 * scale))
     return symmetric and bool(np.linalg.eigvalsh(matrix).min() >= -1e-9 * scale)
+
+
+def widest_sigma(covariance: FloatArray, enough: float) -> float:
+    """Standard deviation of (3,3) along the direction known least, or an upper bound below ``enough``."""
+    # The trace holds the largest eigenvalue, and mostly decides.
+    bound = covariance.item(0) + covariance.item(4) + covariance.item(8)
+    if bound < enough**2:
+        return math.sqrt(max(bound, 0.0))
+    return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
 
 
 def covariance_root(matrix: FloatArray) -> FloatArray:

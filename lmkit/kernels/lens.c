@@ -10,30 +10,51 @@ LMKIT_EXPORT int lmkit_corners_through_lens(const Lens *lens, int64_t count, con
                                             const double *covariance, double floor_px, double reached_px,
                                             double *rays, double *by_ray, double *whitener, uint8_t *reached);
 
-/* Ray of a pixel: fixed-point iteration of the radial and tangential part. */
+/* A step of Newton's method towards a pixel that is near; 0, and nothing changed, where it leads no nearer. */
+static int newton_step(const Lens *lens, const double *pixel, double *ray, double *there, double *J, double *error) {
+    const double du = pixel[0] - there[0], dv = pixel[1] - there[1], scale = 1 / (J[0] * J[3] - J[1] * J[2]);
+    const double x = ray[0] + (J[3] * du - J[1] * dv) * scale, y = ray[1] + (J[0] * dv - J[2] * du) * scale;
+    double now[2], by_ray[4];
+    project_rational(lens, x, y, now, by_ray);
+    const double off = hypot(now[0] - pixel[0], now[1] - pixel[1]);
+    if (!(off < *error)) return 0;
+    ray[0] = x;
+    ray[1] = y;
+    for (int i = 0; i < 2; i++) there[i] = now[i];
+    for (int i = 0; i < 4; i++) J[i] = by_ray[i];
+    *error = off;
+    return 1;
+}
+
+/* Ray of a pixel: fixed-point iteration of the radial and tangential part, and Newton's method once it is near. */
 static void unproject_rational(const Lens *lens, const double *pixel, double *ray) {
     const double *k = lens->k, *B = lens->tilt_back;
     const double u = (pixel[0] - lens->cx) / lens->fx, v = (pixel[1] - lens->cy) / lens->fy;
     const double depth = B[6] * u + B[7] * v + B[8], inverse = depth != 0 ? 1 / depth : 1;
     const double x0 = (B[0] * u + B[1] * v + B[2]) * inverse, y0 = (B[3] * u + B[4] * v + B[5]) * inverse;
-    double x = x0, y = y0, error = INFINITY, there[2], J[4];
+    double error = INFINITY, there[2], J[4];
+    int nearing = 1;
+    ray[0] = x0;
+    ray[1] = y0;
     for (int i = 0; i < 100 && !(error < 1e-12); i++) {
-        const double r2 = x * x + y * y;
+        if (nearing && error < 1) {
+            nearing = newton_step(lens, pixel, ray, there, J, &error);
+            continue;
+        }
+        const double x = ray[0], y = ray[1], r2 = x * x + y * y;
         const double back = (1 + ((k[7] * r2 + k[6]) * r2 + k[5]) * r2) / (1 + ((k[4] * r2 + k[1]) * r2 + k[0]) * r2);
         if (back < 0) {
-            x = u;
-            y = v;
+            ray[0] = u;
+            ray[1] = v;
             break;
         }
         const double dx = 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x) + k[8] * r2 + k[9] * r2 * r2;
         const double dy = k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y + k[10] * r2 + k[11] * r2 * r2;
-        x = (x0 - dx) * back;
-        y = (y0 - dy) * back;
-        project_rational(lens, x, y, there, J);
+        ray[0] = (x0 - dx) * back;
+        ray[1] = (y0 - dy) * back;
+        project_rational(lens, ray[0], ray[1], there, J);
         error = hypot(there[0] - pixel[0], there[1] - pixel[1]);
     }
-    ray[0] = x;
-    ray[1] = y;
 }
 
 /* Ray of a pixel: Newton's method on the angle from the optical axis. */

@@ -1,7 +1,8 @@
 """Landmark corners through a lens: rays without distortion, derivatives of pixels, and whitening of errors.
 
 Lens models are OpenCV's: ``rational`` with up to 14 coefficients (pinhole is its special case) and ``fisheye``
-(equidistant).  The way back is OpenCV's as well: a fixed-point iteration, and Newton's method for fisheye lenses.
+(equidistant).  The way back leads where OpenCV's does: a fixed-point iteration, and Newton's method once it is near;
+Newton's method alone for fisheye lenses.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from lmkit.kernels.load import address, contiguous, function
 Array = NDArray[np.floating[Any]]
 
 ITERATIONS, PRECISION = 100, 1e-12
+NEAR_PX = 1.0  # Newton's method from there on
 UNREACHED = -1e6  # ray of a pixel that no angle leads to
 
 
@@ -208,6 +210,8 @@ def _unproject_rational(lens: Lens, pixels: Array) -> Array:
     straight = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(lens.tilt).T
     start = straight[:, :2] / np.where(straight[:, 2:] == 0, 1.0, straight[:, 2:])
     rays, running = start.copy(), np.ones(len(uv), dtype=bool)
+    error, nearing = np.full(len(uv), np.inf), running.copy()
+    there, J = pixels, np.zeros((len(uv), 2, 2))
     for _ in range(ITERATIONS):
         x, y = rays.T
         r2 = x * x + y * y
@@ -216,12 +220,28 @@ def _unproject_rational(lens: Lens, pixels: Array) -> Array:
         dy = k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y + r2 * (k[10] + r2 * k[11])
         moved = (start - np.column_stack([dx, dy])) * back[:, None]
         moved[back < 0] = uv[back < 0]
-        rays = np.where(running[:, None], moved, rays)
-        error = np.linalg.norm(_project_rational(lens, rays)[0] - pixels, axis=1)
+        stepping = running & nearing & (error < NEAR_PX)
+        moved[stepping] = rays[stepping] + _newton(J[stepping], (pixels - there)[stepping])
+        back[stepping] = 1.0
+        now, by_ray = _project_rational(lens, moved)
+        off = np.linalg.norm(now - pixels, axis=1)
+        # A step that leads no nearer is not taken, and none follows it.
+        nearing &= ~stepping | (off < error)
+        taken = running & (~stepping | nearing)
+        rays = np.where(taken[:, None], moved, rays)
+        error, there = np.where(taken, off, error), np.where(taken[:, None], now, there)
+        J = np.where(taken[:, None, None], by_ray, J)
         running &= ~(back < 0) & ~(error < PRECISION)
         if not running.any():
             break
     return np.asarray(rays)
+
+
+def _newton(J: Array, off: Array) -> Array:
+    """Steps (N,2) that take off errors (N,2) by their derivatives (N,2,2)."""
+    (a, b), (c, d) = J.transpose(1, 2, 0)
+    u, v = off.T
+    return np.asarray(np.stack([d * u - b * v, a * v - c * u], axis=1) / (a * d - b * c)[:, None])
 
 
 def _unproject_fisheye(lens: Lens, pixels: Array) -> Array:

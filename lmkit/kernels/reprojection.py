@@ -24,6 +24,14 @@ NOWHERE = 1e2  # error as x/z of a landmark that is not seen
 NO_PRIOR = (float("nan"),) * 8
 
 
+# Of the arrays of `Corners`, behind the number of observations.
+SHAPES = (
+    ("points", (4, 3)), ("rays", (4, 2)), ("by_ray", (4, 2, 2)), ("whitener", (8, 8)), ("R_camera", (3, 3)),
+    ("t_camera", (3,)),
+)  # fmt: skip
+UNCERTAIN = (("arms", (4, 3)), ("roots", (6, 6)))
+
+
 class _CornersStruct(ctypes.Structure):
     _fields_ = (
         ("count", ctypes.c_int64),
@@ -67,25 +75,21 @@ class Corners:
         Raises:
             ValueError: a shape differs, or roots without arms and groups.
         """
-        count = len(self.points)
-        shapes = {"points": (4, 3), "rays": (4, 2), "by_ray": (4, 2, 2), "whitener": (8, 8), "R_camera": (3, 3)}
-        shapes |= {"t_camera": (3,)}
-        if self.roots is not None:
-            shapes |= {"arms": (4, 3), "roots": (6, 6)}
-            if self.arms is None or self.group is None:
-                raise ValueError("roots need arms and groups")
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, contiguous(getattr(self, name), (count, *shape)))
+        # Set as a whole: one attribute after the other takes a frozen class three times as long.
+        count, own = len(self.points), self.__dict__
+        if self.roots is not None and (self.arms is None or self.group is None):
+            raise ValueError("roots need arms and groups")
+        for name, shape in SHAPES if self.roots is None else SHAPES + UNCERTAIN:
+            own[name] = contiguous(own[name], (count, *shape))
         if self.group is None:
-            object.__setattr__(self, "group", np.full(count, -1))
-            object.__setattr__(self, "order", np.arange(count))
+            own["group"], own["order"] = _ungrouped(count)
         else:
-            object.__setattr__(self, "group", contiguous(self.group, (count,), np.int64))
-            object.__setattr__(self, "order", np.argsort(self.group, kind="stable"))
+            own["group"] = contiguous(self.group, (count,), np.int64)
+            own["order"] = np.argsort(own["group"], kind="stable")
         arms = None if self.roots is None else self.arms
         first = addresses(self.points, arms, self.R_camera, self.t_camera, self.rays, self.by_ray, self.whitener)
-        last = addresses(self.roots, self.group, self.order)
-        object.__setattr__(self, "struct", _CornersStruct(count, *first, *last, NEAREST_M, NOWHERE))
+        last = addresses(self.roots, own["group"], own["order"])
+        own["struct"] = _CornersStruct(count, *first, *last, NEAREST_M, NOWHERE)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -320,6 +324,12 @@ def _eight(by_shift: Array, by_turn: Array) -> Array:
 def _poses(R: Array, p: Array) -> tuple[Array, Array]:
     R = contiguous(R, (-1, 3, 3))
     return R, contiguous(p, (len(R), 3))
+
+
+@lru_cache(maxsize=64)
+def _ungrouped(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Groups and order of observations of certain landmarks."""
+    return np.full(count, -1), np.arange(count)
 
 
 @lru_cache(maxsize=8)

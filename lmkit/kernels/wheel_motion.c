@@ -85,6 +85,22 @@ static void totals_by(int64_t rows, const double *times, const double *totals, d
     }
 }
 
+/* First and last row that the path between times needs, moved by the delays of all sets. */
+static void rows_between(int64_t rows, const double *times, int64_t count, const double *at, double delay, double span,
+                         int64_t *first, int64_t *last) {
+    double low = at[0], high = at[0];
+    for (int64_t k = 1; k < count; k++) {
+        low = at[k] < low ? at[k] : low;
+        high = at[k] > high ? at[k] : high;
+    }
+    low -= delay + span;
+    high -= delay - span;
+    *first = 0;
+    *last = rows - 1;
+    while (*first < rows - 2 && times[*first + 1] <= low) ++*first;
+    while (*last > *first + 1 && times[*last - 1] >= high) --*last;
+}
+
 /* moves: how far each parameter is moved, the delay to both sides, and the longest time between rows that is no gap.
  * all (8,count-1,3) and path (rows,3) are scratch. */
 int lmkit_wheel_steps(int64_t rows, const double *restrict times, const double *restrict forward,
@@ -96,7 +112,12 @@ int lmkit_wheel_steps(int64_t rows, const double *restrict times, const double *
     for (int i = 0; i < SETS * PARAMETERS; i++) sets[i] = parameters[i % PARAMETERS];
     for (int i = 0; i < PARAMETERS; i++) sets[PARAMETERS * (i + 1) + i] += moves[i];
     sets[PARAMETERS * (SETS - 1) + DELAY] -= moves[DELAY];
-    lmkit_wheel_motions(rows, times, forward, turn, seconds, rate, SETS, sets, count, at, path, all);
+    if (count > 0) {
+        int64_t from, to;
+        rows_between(rows, times, count, at, parameters[DELAY], fabs(moves[DELAY]), &from, &to);
+        lmkit_wheel_motions(to - from + 1, times + from, forward + from, turn + from, seconds + from, rate + from, SETS,
+                            sets, count, at, path, all);
+    }
     const int64_t numbers = 3 * (count - 1);
     for (int64_t k = 0; k < numbers; k++) {
         motions[k] = all[k];

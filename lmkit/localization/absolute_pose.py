@@ -19,7 +19,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lmkit.arrays import BoolArray, FloatArray
+from lmkit.arrays import BoolArray, FloatArray, widest_sigma
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
@@ -166,10 +166,10 @@ def _locate(
         return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice))), minority
     covariance = seen.covariance(poses, inliers, options.prior)
     # Largest distance of a pose that explains the images almost as well: along the direction known least.
-    widest = np.linalg.eigvalsh(np.array([covariance[:3, :3], covariance[3:, 3:]]))[:, -1].tolist()
-    reach_m, reach_rad = (math.sqrt(2 * options.ambiguous_below * max(value, 0.0)) for value in widest)
+    reach = math.sqrt(2 * options.ambiguous_below)
+    far_m, far_rad = options.far_m / reach, options.far_rad / reach
     ratios = (cost - cost[0]).tolist()
-    wide = reach_m > options.far_m or reach_rad > options.far_rad
+    wide = widest_sigma(covariance[:3, :3], far_m) > far_m or widest_sigma(covariance[3:, 3:], far_rad) > far_rad
     rivaled = len(ratios) > 1 and ratios[1] < options.ambiguous_below
     pixels = seen.chi2_and_pixels(poses.only(FIRST))[1][0][inliers]
     estimate = PoseEstimate(

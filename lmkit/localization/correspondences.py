@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root
+from lmkit.arrays import BoolArray, FloatArray, IntArray, covariance_root, stacked
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.pose_array import PoseArray
@@ -95,10 +95,11 @@ class Correspondences:
             return
         number = {id_: k for k, id_ in enumerate(self.ids)}
         self.of = np.array([number[landmark.id] for landmark in self.landmarks])
-        self.points = np.array([landmark.corners_map for landmark in self.landmarks])
+        self.points = stacked([landmark.corners_map for landmark in self.landmarks], (4, 3))
         self.observed, self.rays, self._stated_px2 = looked.corners, looked.rays, looked.variances
-        self.camera_R = np.repeat([R for _, _, R, _ in cameras], counts, axis=0)
-        self.camera_t = np.repeat([t for _, _, _, t in cameras], counts, axis=0)
+        self.camera_R, self.camera_t = np.empty((len(listed), 3, 3)), np.empty((len(listed), 3))
+        for one in self.cameras:
+            self.camera_R[one.rows], self.camera_t[one.rows] = one.R, one.t
         uncertain = any(landmark.covariance is not None for landmark in self.landmarks)
         errors = self._landmark_errors() if uncertain else (None, None, None)
         self.corners = Corners(
@@ -148,7 +149,7 @@ class Correspondences:
     def side_px(self) -> FloatArray:
         """(S,) mean side in the image; a search needs it, an update does not."""
         steps = self.observed[:, NEXT] - self.observed
-        return np.asarray(np.sqrt((steps * steps).sum(axis=2)).sum(axis=1) / 4)
+        return np.asarray(np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1) / 4)
 
     def ids_of(self, rows: BoolArray) -> set[LandmarkId]:
         """The landmarks of some observations, given as a mask (S,)."""
@@ -177,10 +178,10 @@ class Correspondences:
         return update_space(self.corners, self.of, before, R, p, update)
 
     def update_planar(
-        self, before: FloatArray, lean: FloatArray, T_base_left: Pose, state: FloatArray, update: Update
+        self, before: FloatArray, lean: FloatArray, base: tuple[FloatArray, FloatArray], x: FloatArray, update: Update
     ) -> Updated:
-        """A foretold state on a floor updated by `pose_update.update_planar`."""
-        return update_planar(self.corners, self.of, before, lean, T_base_left.R, T_base_left.t, state, update)
+        """A foretold state on a floor, with T_base_left, updated by `pose_update.update_planar`."""
+        return update_planar(self.corners, self.of, before, lean, *base, x, update)
 
     @property
     def views(self) -> list[tuple[LandmarkId, int]]:

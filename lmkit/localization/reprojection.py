@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import FloatArray, stacked
 from lmkit.geometry.camera import REACHED_PX, CameraModel
 from lmkit.kernels.lens import Lens, corners_through_lenses
 from lmkit.model.observation import Detection
@@ -52,14 +52,14 @@ def through_lenses(
     observations: Sequence[Detection], cameras: Sequence[CameraModel], counts: Sequence[int], corner_floor_px: float
 ) -> CameraCorrespondences:
     """Corners of several cameras as rays: so many of the first, then so many of the second, and so on."""
-    corners = np.array([o.corners for o in observations]).reshape(-1, 4, 2)
-    covariance = None
-    if any(o.covariance is not None for o in observations):
-        covariance = np.array([UNKNOWN if o.covariance is None else o.covariance for o in observations])
+    corners = stacked([o.corners for o in observations], (4, 2))
+    stated = [o.covariance for o in observations]
+    known = any(one is not None for one in stated)
+    covariance = stacked([UNKNOWN if one is None else one for one in stated], (8, 8)) if known else None
     rays, by_ray, whitener, reached = corners_through_lenses(
         [lens_of(camera) for camera in cameras], counts, corners, covariance, corner_floor_px, REACHED_PX
     )
-    variances = np.zeros(len(corners)) if covariance is None else np.einsum("sii->s", covariance) / 8
+    variances = np.zeros(len(corners)) if covariance is None else covariance.trace(axis1=1, axis2=2) / 8
     if reached.all():
         return CameraCorrespondences(list(range(len(corners))), corners, rays, by_ray, whitener, variances)
     kept = np.flatnonzero(reached)

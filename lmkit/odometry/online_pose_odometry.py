@@ -6,6 +6,7 @@ turned into a rotation once, when it comes, and a step looks up two places betwe
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal, rotation_exp, rotation_log
 from lmkit.odometry.motion_model import LONGEST_STEP_S
 from lmkit.odometry.online_wheel_odometry import AHEAD_S
-from lmkit.odometry.pose_odometry import PoseNoise, pose_sigmas
+from lmkit.odometry.pose_odometry import PoseNoise, pose_variances
 
 KEPT_S = 1.0  # rows are kept for so long before the last frame
 
@@ -86,8 +87,8 @@ class PoseRows:
             times = self._all()[0]
             way, turned, gap = (b - a for a, b in zip(self._totals(before_s), self._totals(time_s), strict=True))
             gap += min(time_s, times[0]) - min(before_s, times[0]) + max(time_s, times[-1]) - max(before_s, times[-1])
-        numbers = [np.array([value]) for value in (seconds, way, turned, gap)]
-        return np.asarray(pose_sigmas(self._noise, *numbers)[0])
+        place, turn = (math.sqrt(value) for value in pose_variances(self._noise, seconds, way, turned, gap))
+        return np.array([place, place, place, turn, turn, turn])
 
     def _all(self) -> tuple[list[float], list[_Row]]:
         """Times and rows, and one row more: who moves goes on as he did."""

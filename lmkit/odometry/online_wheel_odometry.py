@@ -13,12 +13,13 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.model.recording import Gyro, Odometry
-from lmkit.odometry.wheel_odometry import PARAMETERS, Increments, MotionModel, MotionNoise
+from lmkit.odometry.wheel_odometry import PARAMETERS, Increments, MotionModel, MotionNoise, Rows
 
 STATES = 3 + len(PARAMETERS)
 LONGEST_DELAY_S = 1.5
 AHEAD_S = 0.3
 DRIFT = np.array([1e-3, 1e-3, 1e-5, 1e-3, 1e-3, 3e-3])  # of the parameters, per root of a second
+STILL = np.eye(STATES)
 DRIFTS = np.diag(np.append(np.zeros(3), DRIFT**2))
 
 
@@ -30,10 +31,14 @@ class Wheels:
         # Columns: numpy takes them much faster than rows.
         self._rows = (array("d"), array("d"), array("d"))
         self._gyro = (array("d"), array("d"))
+        self._sound = True  # rows are finite and in the order of time
         self._known: tuple[float, float, tuple[float, ...], Increments] | None = None  # of the rows so far
 
     def add_odometry(self, time_s: float, forward_m: float, turn_rad: float) -> None:
         """Add the distance and the turn since the previous row."""
+        times = self._rows[0]
+        follows = not times or time_s > times[-1]
+        self._sound = self._sound and follows and math.isfinite(time_s + forward_m + turn_rad)
         for column, value in zip(self._rows, (time_s, forward_m, turn_rad), strict=True):
             column.append(value)
         self._known = None
@@ -65,7 +70,7 @@ class Wheels:
         heading = float(x[2])
         c, s = math.cos(heading), math.sin(heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        F = np.eye(STATES)
+        F = STILL.copy()
         F[0, 2], F[1, 2] = -s * forward - c * left, c * forward - s * left
         F[:3, 3:] = turn @ increments.by_parameters[0]
         later = x.copy()
@@ -90,6 +95,7 @@ class Wheels:
         times, forwards, turns = self._rows
         share = AHEAD_S / max(times[-1] - times[-2], 1e-3)
         ahead = (times[-1] + AHEAD_S, share * forwards[-1], share * turns[-1])
-        odometry = Odometry(*(np.array(c + array("d", [a])) for c, a in zip(self._rows, ahead, strict=True)))
+        columns = (np.array(c + array("d", [a])) for c, a in zip(self._rows, ahead, strict=True))
+        odometry = Rows(*columns) if self._sound else Odometry(*columns)
         gyro = Gyro(*map(np.array, self._gyro)) if len(self._gyro[0]) > 1 else None
         return MotionModel(odometry, gyro, self._noise)

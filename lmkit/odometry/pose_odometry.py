@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from lmkit.model.trajectory import Trajectory
 from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_times
 
 DELAY_STEP_S = 1e-3
+Amount = TypeVar("Amount", float, FloatArray)
 
 
 @dataclass(frozen=True)
@@ -33,20 +35,27 @@ class PoseNoise:
     unknown_radps: float = 1.5
 
 
-def pose_sigmas(
-    noise: PoseNoise, seconds: FloatArray, way: FloatArray, turned: FloatArray, gap: FloatArray
-) -> FloatArray:
-    """(K,6) standard deviations of motions (m) and turns (rad).
+def pose_variances(
+    noise: PoseNoise, seconds: Amount, way: Amount, turned: Amount, gap: Amount
+) -> tuple[Amount, Amount]:
+    """Variances of motions (m^2) and turns (rad^2), the same along and about every axis.
 
     Args:
-        seconds, way, turned, gap: (K,) that they take, how far they go, and for how long there are no poses.
+        seconds, way, turned, gap: that they take, how far they go, and for how long there are no poses.
     """
     n = noise
     place = n.place_per_root_m**2 * way + n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
     turn = n.turn_per_root_rad**2 * turned + n.turn_per_root_s**2 * seconds + (n.unknown_radps * gap) ** 2
-    # What it turns wrongly early on leads the rest of the way aside.
-    place = place + turn * way**2 / 3
-    return np.asarray(np.sqrt(np.repeat(np.stack([place, turn], axis=1), 3, axis=1)))
+    # A turn that is wrong early on leads the rest of the way aside.
+    return place + turn * way**2 / 3, turn
+
+
+def pose_sigmas(
+    noise: PoseNoise, seconds: FloatArray, way: FloatArray, turned: FloatArray, gap: FloatArray
+) -> FloatArray:
+    """(K,6) standard deviations of motions (m) and turns (rad); arguments (K,) as of :func:`pose_variances`."""
+    variances = np.stack(pose_variances(noise, seconds, way, turned, gap), axis=1)
+    return np.asarray(np.sqrt(np.repeat(variances, 3, axis=1)))
 
 
 class PoseMotion:

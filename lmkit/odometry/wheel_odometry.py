@@ -9,6 +9,7 @@ robot lags behind what its sensors report.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,12 +75,24 @@ class Increments:
     known: BoolArray
 
 
+class Rows(NamedTuple):
+    """Rows of odometry that were looked at when they came: `Odometry` without its checks.
+
+    Attributes:
+        times_s, forward_m, turn_rad: (N,) finite; times increase.
+    """
+
+    times_s: FloatArray
+    forward_m: FloatArray
+    turn_rad: FloatArray
+
+
 class MotionModel:
     """Odometry, with the gyro's turns in place of the wheels' where there is a gyro."""
 
     names, nominal, prior_sigma, of_base = PARAMETERS, NOMINAL, PRIOR_SIGMA, True
 
-    def __init__(self, odometry: Odometry, gyro: Gyro | None = None, noise: MotionNoise | None = None) -> None:
+    def __init__(self, odometry: Odometry | Rows, gyro: Gyro | None = None, noise: MotionNoise | None = None) -> None:
         self.noise = noise or MotionNoise()
         self._times = odometry.times_s
         turn = odometry.turn_rad

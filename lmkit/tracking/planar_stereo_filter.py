@@ -66,6 +66,7 @@ class RigFilter:
         if rig.T_base_left is None:
             raise InputError("no_base", "the rig has no T_base_left", "add the pose of the left camera on the robot")
         self._map, self._rig, self._T = landmarks, rig, rig.T_base_left
+        self._base = self._T.R.copy(), self._T.t.copy()  # kernels find what is not read-only faster
         self._floor_px = corner_floor_px
         self.wheels = Wheels(motion_noise)
         self._time: float | None = None
@@ -167,7 +168,7 @@ class RigFilter:
 
         How the robot lifts, rolls and pitches at that time is fitted beside the state; it is level of itself.
         """
-        done = seen.update_planar(self._P, self._level, self._T, self._x, UPDATE)
+        done = seen.update_planar(self._P, self._level, self._base, self._x, UPDATE)
         if done.used.any():
             self._lasting.update(seen, done)
             self._x, self._P = done.state, done.covariance

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import BoolArray, FloatArray
+from lmkit.arrays import BoolArray, FloatArray, widest_sigma
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, skew
@@ -177,7 +177,7 @@ class PoseFilter:
         F, G = np.eye(6), np.zeros((6, 6))
         F[:3, 3:] = -skew(step.way)
         G[:3, :3], G[:3, 3:], G[3:, 3:] = step.base, -later @ skew(arm), later
-        self._P = F @ self._P @ F.T + G @ np.diag(step.sigmas**2) @ G.T
+        self._P = F @ self._P @ F.T + (G * step.sigmas**2) @ G.T
         self._lasting.predict(F)
         self._R, self._p = orthonormal(later @ self._T.R), self._p + step.way
 
@@ -197,7 +197,7 @@ class PoseFilter:
         self, time_s: float, outliers: tuple[LandmarkId, ...], restarted: bool, nis: float = 0.0, nis_dof: int = 0
     ) -> SpacePose:
         P = self._P + self._lasting.excess
-        lost = np.sqrt(np.linalg.eigvalsh(P[:3, :3])[-1]) > NOWHERE_M or self._doubts >= DOUBTS
+        lost = self._doubts >= DOUBTS or widest_sigma(P[:3, :3], NOWHERE_M) > NOWHERE_M
         pose = Pose("map", "left", self._R, self._p)
         status = PoseStatus.LOST if lost else PoseStatus.OK
         return SpacePose(time_s, status, pose, P, outliers, restarted, nis, nis_dof)
