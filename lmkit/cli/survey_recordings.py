@@ -61,6 +61,7 @@ def survey_several(
     from lmkit.mapping.survey_results import base_poses
     from lmkit.pipelines.recording_folder import read_recording_folder
 
+    folders = given_once(folders)
     names = recording_names(folders)
     output, tum = outputs["map"], outputs["tum"]
     tums = {name: None if tum is None else tum.with_stem(f"{tum.stem}-{name.replace('/', '-')}") for name in names}
@@ -115,6 +116,7 @@ def survey_readings(
 
     if not folders or not all(has_readings(Path(folder)) for folder in folders):
         raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml, or folders that hold readings.csv")
+    folders = given_once(folders)
     names, output, tum = recording_names(folders), outputs["map"], outputs["tum"]
     tums = {name: None if tum is None else tum.with_stem(f"{tum.stem}-{name.replace('/', '-')}") for name in names}
     check_outputs((output, *tums.values()), None, force)
@@ -136,6 +138,16 @@ def survey_readings(
         return
     for line in planar_map_lines(result.landmarks, count, output):
         print_line(line)
+
+
+def given_once(folders: Sequence[str]) -> list[str]:
+    """The folders without those that are given again, which are named in a warning."""
+    kept: dict[Path, str] = {}
+    for folder in folders:
+        if (place := Path(folder).resolve()) in kept:
+            warn(f"{folder} is given more than once: its recording counts once")
+        kept.setdefault(place, folder)
+    return list(kept.values())
 
 
 def recording_names(folders: Sequence[str]) -> list[str]:

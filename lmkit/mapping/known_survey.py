@@ -7,14 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem
-from lmkit.mapping.moved_known_landmarks import KnownTest, KnownView, find_moved, stands
+from lmkit.mapping.moved_known_landmarks import KnownTest, KnownView, find_moved, is_exact, stands
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.model.landmark_id import LandmarkId
 
 MOST_RELEASED = 12  # landmarks, one at a time; where more stand elsewhere the map itself is doubted
+LEAST_REFUTING, REFUTED, AGREES = 10, 0.8, 0.2  # observations of a landmark; shares of them that do not fit
+LEAST_AGREEING = 2  # other landmarks
+NEAR_M, NEAR_RAD = 0.1, np.deg2rad(15)  # of an exact place: no farther off, another one may have pulled it
 HARDLY_KNOWN = np.diag([1.0] * 3 + [0.25] * 3)  # m^2, rad^2
 
 
@@ -56,7 +60,8 @@ def solve_by_known(
 
     solved = solve(known)
     while True:
-        test = _test(solved, {id_: anchor for id_, anchor in known.items() if id_ not in released | held})
+        believed = {id_: anchor for id_, anchor in known.items() if id_ not in released | held}
+        test = _test(solved, believed) or _refuted(solved, believed)
         if test is None:
             back = {id_ for id_ in released if _stands(solved, known[id_], known)}
             if not back:
@@ -83,9 +88,29 @@ def _test(solved: SolvedRecording, anchors: Mapping[LandmarkId, Anchor]) -> Know
     return find_moved(joint, [problem], views, anchors, noise_factor([problem]))
 
 
+def _refuted(solved: SolvedRecording, anchors: Mapping[LandmarkId, Anchor]) -> KnownTest | None:
+    """The landmark of an exact place that nearly all that was seen of it contradicts, while others agree with theirs.
+
+    Nobody said how well such places are known, so that no test tells chance from a move.  A whole recording does.
+    """
+    problem = solved.problem
+    exact = [k for k, id_ in enumerate(problem.landmark_ids) if id_ in anchors and is_exact(anchors[id_])]
+    count = np.bincount(problem.seen.of, minlength=len(problem.mapped))[exact]
+    off = np.bincount(problem.seen.of, ~problem.used, len(problem.mapped))[exact]
+    enough = count >= LEAST_REFUTING
+    refuted, agree = enough & (off >= REFUTED * count), enough & (off <= AGREES * count)
+    if not refuted.any() or agree.sum() < max(LEAST_AGREEING, refuted.sum()):
+        return None
+    return KnownTest(problem.landmark_ids[exact[int(np.argmax(np.where(refuted, off, 0)))]])
+
+
 def _stands(solved: SolvedRecording, anchor: Anchor, known: Collection[LandmarkId]) -> bool:
     problem = solved.problem
     k = problem.landmark_ids.index(anchor.landmark.id)
+    R, p = problem.lm_R[k], problem.lm_p[k]
+    if is_exact(anchor):
+        T = anchor.landmark.T_map_landmark
+        return bool(np.linalg.norm(T.t - p) < NEAR_M) and rotation_angle(T.R @ R.T) < NEAR_RAD
     rows = slice(problem.own + 6 * k, problem.own + 6 * k + 6)
     C = problem.stated_equations(noise_factor([problem]))[0].covariances()[1][rows, rows]
-    return stands(anchor, problem.lm_R[k], problem.lm_p[k], C, len(set(known) & set(problem.landmark_ids)))
+    return stands(anchor, R, p, C, len(set(known) & set(problem.landmark_ids)))

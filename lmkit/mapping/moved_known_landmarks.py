@@ -103,13 +103,18 @@ def find_moved(
     return KnownTest(worst, () if len(in_view) >= LEAST_KNOWN else tuple(sorted(in_view)))
 
 
+def is_exact(anchor: Anchor) -> bool:
+    """A place that counts as exact: nobody said how well it is known."""
+    return anchor.covariance is None or not anchor.covariance.any()
+
+
 def is_surveyed(anchor: Anchor) -> bool:
     """A place that a survey knows: by hand it may be measured worse than it is stated, and nobody moved it.
 
     A place without a covariance is not tested either: it counts as exact because nobody said how well it is known.
     """
     C = anchor.covariance
-    return C is not None and bool(C.any()) and bool(np.trace(C[:3, :3]) < SURVEYED_M**2)
+    return C is not None and not is_exact(anchor) and bool(np.trace(C[:3, :3]) < SURVEYED_M**2)
 
 
 def stands(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, tests: int) -> bool:

@@ -8,9 +8,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+
+import numpy as np
 
 from lmkit.errors import InputError
 from lmkit.geometry.rig import AnyRig
@@ -78,10 +81,33 @@ def survey_recordings(
         InputError: no recording can be surveyed.
     """
     known = _Beforehand(sizes_m, anchors, constraints)
-    alone = map_sharing(_survey_alone, known, recordings)
-    answers = list(alone if in_processes else (_survey_alone(known, recording) for recording in recordings))
-    named = {r.name: answer for r, answer in zip(recordings, answers, strict=True)}
+    again = repeated_recordings(recordings)
+    once = [recording for recording in recordings if recording.name not in again]
+    alone = map_sharing(_survey_alone, known, once)
+    answers = list(alone if in_processes else (_survey_alone(known, recording) for recording in once))
+    found = {recording.name: answer for recording, answer in zip(once, answers, strict=True)}
+    named = {r.name: again.get(r.name) or found[r.name] for r in recordings}
     return join_surveys(named, anchors, constraints, keep_doubtful)
+
+
+def repeated_recordings(recordings: Sequence[NamedRecording]) -> dict[str, str]:
+    """Names of recordings that show what one before them shows, to the last bit, and a clause for each.
+
+    Counted twice, the same images would make a map surer than it is.
+    """
+    first: dict[bytes, str] = {}
+    again = {}
+    for recording in recordings:
+        digest = hashlib.sha256()
+        for frame in recording.frames:
+            for seen in frame.seen:
+                digest.update(f"{len(seen)}".encode())
+                for detection in seen:
+                    digest.update(f"{detection.id}".encode() + np.ascontiguousarray(detection.corners).tobytes())
+        same = first.setdefault(digest.digest(), recording.name)
+        if same != recording.name and any(frame.detections for frame in recording.frames):
+            again[recording.name] = f"it shows the same as '{same}', in every frame"
+    return again
 
 
 def _survey_alone(known: _Beforehand, recording: NamedRecording) -> LoneSurvey | str:

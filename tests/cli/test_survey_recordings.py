@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,6 +42,18 @@ def test_two_days_make_one_map(lmkit, days, tmp_path):
     assert found.find(one.id).valid_from_s == one.valid_from_s
     assert [(m.id, m.valid_to_s) for m in found.past] == [(one.id, before.valid_to_s)]
     assert all((tmp_path / f"poses-{day_name(day)}.tum").exists() for day in (0, 1))
+
+
+def test_a_recording_that_is_given_again_counts_once_and_is_named(lmkit, days, tmp_path):
+    folder, recordings, _ = days
+    rig = next(folder.glob("rigs/*/*.yaml"))
+    copy = shutil.copytree(Path(recordings[0]), tmp_path / "copy")
+    answer = lmkit("survey", recordings[0], str(copy), recordings[0], "--rig", str(rig), "-o", "map.yaml", "--json")
+    assert answer.code == 0, answer.err
+    assert f"{recordings[0]} is given more than once: its recording counts once" in answer.err
+    summary = json.loads(answer.out)
+    assert summary["left_out"] == {"copy": f"it shows the same as '{day_name(0)}', in every frame"}
+    assert [r["name"] for r in summary["recordings"]] == [day_name(0)]
 
 
 def test_options_of_single_recordings_are_refused(lmkit, days):

@@ -54,6 +54,18 @@ def with_one_moved(chosen, meters):
     return LandmarkMap(changed)
 
 
+def test_an_exact_place_that_all_contradicts_gives_way_to_what_was_seen(seen):
+    """Nobody says how well exact places are known: one that 20 cm are wrong with is found, and no other one."""
+    made = drive()
+    wrong = with_one_moved(seen[1], 0.2)
+    known = {m.id: Anchor(m, None) for m in wrong if m.id in seen[:4]}
+    result = survey(made, known)
+    assert [m.before.id for m in result.moved] == [seen[1]]
+    assert result.moved[0].meters == pytest.approx(0.2, abs=0.02)
+    found, true = (one.find(seen[1]).T_map_landmark.t for one in (result.landmarks, ROOM))
+    assert np.linalg.norm(found - true) < 0.02
+
+
 @pytest.mark.parametrize("meters", [0.06, 1.5])
 def test_a_single_recording_finds_a_landmark_that_was_moved_since_the_known_map(seen, meters):
     """One moved by 6 cm pulls the map; of one moved by 1.5 m everything seen is an outlier."""
