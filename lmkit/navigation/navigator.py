@@ -42,6 +42,7 @@ UNSURE_M = 0.12  # of the position, from which on the robot looks around
 TURNS = 1.15  # full turns of a look around
 MOST_WAITS = 15  # frames at the goal
 MOST_GOES = 5
+FINE = 0.05  # share of the tolerated turn that is left over; the rest is for what the robot does not know
 MOST_STEPS = 150  # to the goal once it is near
 STOP_SHORT_M = 0.35  # an obstacle nearer than that is in the way
 SEEN_AT_M = 0.25  # a wall of the plan may be so far off where the robot thinks it is
@@ -238,7 +239,7 @@ class _Navigator:
     def wait_until_known(self) -> str:
         """The last steps: to the point, then to the heading, until surely within tolerance."""
         end = np.array([self.goal.x_m, self.goal.y_m])
-        for _ in range(MOST_GOES):
+        for go in range(MOST_GOES):
             self.go_to(end)
             if self.goal.heading_rad is not None:
                 self.turn_to(self.goal.heading_rad)
@@ -249,7 +250,9 @@ class _Navigator:
                 if self.sure_enough():
                     break
             else:
-                self.look_around(0.3 * self.tolerance.place_m / SURE)
+                # Landmarks on one side may be fewer degrees from the goal's heading; the last go ends at the goal.
+                if go < MOST_GOES - 1:
+                    self.look_around(0.3 * self.tolerance.place_m / SURE, to_left=go % 2 == 0)
         return "unsure"
 
     def go_to(self, end: FloatArray) -> None:
@@ -272,7 +275,7 @@ class _Navigator:
         """Turn on the spot."""
         for _ in range(MOST_STEPS):
             turn = wrap_heading(heading_rad - self.state[2])
-            if abs(turn) < 0.2 * self.tolerance.heading_rad:
+            if abs(turn) < FINE * self.tolerance.heading_rad:
                 return
             self.step(0.0, float(np.clip(1.5 * turn, -0.5, 0.5)))
 
@@ -293,11 +296,12 @@ class _Navigator:
         allowed = np.rad2deg(self.tolerance.heading_rad)
         return f"{place} and {np.rad2deg(turn):.1f} deg turned ({allowed:.2g} deg allowed)"
 
-    def look_around(self, wanted_m: float = 0.15 * UNSURE_M) -> bool:
+    def look_around(self, wanted_m: float = 0.15 * UNSURE_M, to_left: bool = True) -> bool:
         """Turn on the spot until the place is known that well; False where a full turn does not help at all."""
-        steps = int(TURNS * 2 * np.pi / (0.7 * FASTEST_RADPS) / PERIOD_S)
+        rate = 0.7 * FASTEST_RADPS if to_left else -0.7 * FASTEST_RADPS
+        steps = int(TURNS * 2 * np.pi / abs(rate) / PERIOD_S)
         for k in range(steps):
-            self.step(0.0, 0.0 if k == 0 else 0.7 * FASTEST_RADPS)
+            self.step(0.0, 0.0 if k == 0 else rate)
             if self.pose.status == PoseStatus.OK and self.sigma_m() < wanted_m:
                 return True
         return bool(self.pose.status == PoseStatus.OK and self.sigma_m() < UNSURE_M)

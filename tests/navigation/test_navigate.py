@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from floors import RIG, mounted_every, two_rooms
+from ids import lm8
 
 from lmkit.errors import InputError
 from lmkit.geometry.stereo_rig import StereoRig
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.navigation.navigator import Site, Tolerance, drive_to, surely_there
 from lmkit.planning.coverage import Demand, predict_coverage
 from lmkit.planning.route import Goal
@@ -61,6 +62,21 @@ def test_at_the_goal_with_a_loose_heading_it_says_so(world, monkeypatch):
     assert journey.status == "unsure"
     assert "(5 cm allowed)" in journey.why
     assert "deg turned (0.001 deg allowed)" in journey.why
+
+
+def test_it_looks_to_the_side_that_is_nearer_to_the_goal(world):
+    """At the goal it faces a bare wall; from the landmark on its left it has to turn too far to be sure."""
+    floor, here, mounted = world[0], np.array([1.5, 2.0]), []
+    for code, turn_deg in enumerate((165.0, -95.0)):
+        bearing = np.pi + np.deg2rad(turn_deg)
+        place = here + 1.4 * np.array([np.cos(bearing), np.sin(bearing)])
+        mounted.append(MappedLandmark(lm8(code), 0.18, wall_pose([*place, 1.1], bearing + np.pi)))
+    landmarks = LandmarkMap(mounted)
+    site = Site(floor, landmarks, RIG, RADIUS_M, Demand(), predict_coverage(floor, mounted, RIG, RADIUS_M), 0.0)
+    robot = SimulatedRobot(floor, landmarks, RIG, np.append(here, np.pi), RADIUS_M, WheelErrors(delay_s=0.1), 0)
+    journey = drive_to(robot, site, Goal(*here, np.pi))
+    assert journey.status == "arrived", journey.why
+    assert abs(robot.state[2] - np.pi) % (2 * np.pi) < np.deg2rad(3)
 
 
 @pytest.mark.slow
