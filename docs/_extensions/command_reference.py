@@ -38,11 +38,11 @@ def _command(name: str, command: Any) -> str:
     context = typer.Context(command)
     options = [p for p in command.params if p.param_type_name == "option" and not p.hidden and p.name != "help"]
     arguments = [p for p in command.params if p.param_type_name == "argument"]
-    pieces = [piece for p in arguments for piece in p.get_usage_pieces(context)]
-    usage = " ".join([name, *pieces, *(["[OPTIONS]"] if options else [])])
+    options_last = [*(piece for piece in command.collect_usage_pieces(context) if piece != "[OPTIONS]"), "[OPTIONS]"]
+    usage = " ".join([name, *options_last])
     parts = [f"({name.replace(' ', '-')})=", f"## {name}", _prose(command.help or ""), f"```text\n{usage}\n```"]
     records = {
-        "Argument": [(" ".join(p.get_usage_pieces(context)), p.help or "") for p in arguments],
+        "Argument": [(p.metavar, p.help or "") for p in arguments],
         "Option": [p.get_help_record(context) for p in options],
     }
     return "\n\n".join([*parts, *(_table(title, rows) for title, rows in records.items() if rows)])

@@ -42,8 +42,21 @@ _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".svg")
 KNOWN = {*_IMAGES, ".mp4", ".avi", ".mov", ".mkv", *(suffix for kinds in OUTPUTS.values() for suffix in kinds)}
 
 
+KINDS = {"path": "FILE", "int": "N", "float": "NUMBER"}
+FOLDERS = ("Folder", "Recording folder", "Project folder", "With --capture: folder")  # starts of help texts
+
+
 class CheckedOptions(TyperCommand):
     """A command each of whose options is given once, but for flags and repeatable ones."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        for option in self.params:
+            name_value(option)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Arguments of the usage line: ``FILE`` where one is needed, ``[FILE]`` where not."""
+        return [piece.strip("{").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse as typer does.
@@ -76,6 +89,24 @@ class CheckedOptions(TyperCommand):
                         "same_file", f"{other} and {name} both name {path}", "give the output another name"
                     )
         return rest
+
+
+def name_value(option: Any) -> None:
+    """Name the value of an option or argument for its help text: ``FILE``, ``N``; not its Python type."""
+    if option.metavar is not None or getattr(option, "is_flag", False):
+        return
+    is_argument, several = option.param_type_name == "argument", option.nargs != 1
+    # Newer versions of typer keep the annotation, older ones a type.
+    described = getattr(option, "type_descriptor", None)
+    annotation = str(getattr(described, "annotation", None) or getattr(option, "type", "")).lower()
+    kind = next((word for key, word in KINDS.items() if key in annotation), None)
+    of_folder = (option.help or "").startswith(FOLDERS)
+    name = str(option.name).rpartition("_")[2].upper()
+    option.metavar = name.removesuffix("S") if is_argument and several else name
+    if not is_argument and kind is not None:
+        option.metavar = "FOLDER" if kind == "FILE" and of_folder else kind
+    if is_argument:
+        option.display_type_rich = lambda ctx: None  # the name alone
 
 
 def _is_output(command: str, option: str) -> bool:

@@ -33,6 +33,7 @@ def run(
         str,
         typer.Option(
             "--to",
+            metavar="FORMAT",
             help="Output format: lmkit, opencv, ros or kalibr (rig); map, wpilib or tagslam (map); bag (poses).",
         ),
     ],

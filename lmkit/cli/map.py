@@ -55,7 +55,8 @@ def run(
     ] = None,
     plan: options.PlanOutput = None,
     blank: Annotated[
-        str | None, typer.Option("--blank", help="Write an empty form for these codes, such as 0-7, to SOURCE.")
+        str | None,
+        typer.Option("--blank", metavar="CODES", help="Write an empty form for these codes, such as 0-7, to SOURCE."),
     ] = None,
     force: options.Force = False,
 ) -> None:

@@ -66,7 +66,9 @@ Islands = Annotated[
 ThinLines = Annotated[
     str | None,
     typer.Option(
-        "--thin-lines", help="Ignore lines in images that are thinner than this, such as 6cm (door arcs, text)."
+        "--thin-lines",
+        metavar="WIDTH",
+        help="Ignore lines in images that are thinner than this, such as 6cm (door arcs, text).",
     ),
 ]
 Curves = Annotated[

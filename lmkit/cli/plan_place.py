@@ -44,7 +44,9 @@ def run(
         list[str] | None,
         typer.Option("--height", help="Allowed height of landmark centers; repeatable. Default: above the camera."),
     ] = None,
-    not_on: Annotated[str, typer.Option("--not-on", help="Walls without landmarks, such as A,C.")] = "",
+    not_on: Annotated[
+        str, typer.Option("--not-on", metavar="WALLS", help="Walls without landmarks, such as A,C.")
+    ] = "",
     patience: Annotated[
         float,
         typer.Option("--patience", help="Time limit, seconds, of the step that replaces two landmarks by one."),

@@ -45,7 +45,11 @@ def run(
     ] = None,
     to: Annotated[
         list[str] | None,
-        typer.Option("--to", help="Output: stdout, ws[:PORT], mavlink:CONNECTION, nt:HOST or ros2; repeatable."),
+        typer.Option(
+            "--to",
+            metavar="OUTPUT",
+            help="Output: stdout, ws[:PORT], mavlink:CONNECTION, nt:HOST or ros2; repeatable.",
+        ),
     ] = None,
     rate: Annotated[float | None, typer.Option("--rate", help="Largest number of poses per second.")] = None,
     hz: options.Hz = None,

@@ -27,10 +27,12 @@ def run(
     known_sigma: map_options.KnownSigma = None,
     keep_doubtful: map_options.KeepDoubtful = False,
     wall: Annotated[
-        list[str] | None, typer.Option("--wall", help="Codes on one flat wall, such as 12,44,137; repeatable.")
+        list[str] | None,
+        typer.Option("--wall", metavar="CODES", help="Codes on one flat wall, such as 12,44,137; repeatable."),
     ] = None,
     same_height: Annotated[
-        list[str] | None, typer.Option("--same-height", help="Codes at the same height, such as 12,44; repeatable.")
+        list[str] | None,
+        typer.Option("--same-height", metavar="CODES", help="Codes at the same height, such as 12,44; repeatable."),
     ] = None,
     wall_sigma: Annotated[
         str | None,

@@ -31,7 +31,9 @@ def run(
         Path | None,
         typer.Option("--manifest", help="Manifest of the print (FILE.pdf.json), for scans and photographs."),
     ] = None,
-    least: Annotated[str, typer.Option("--least", help="Lowest grade that passes: A, B, C or D.")] = "D",
+    least: Annotated[
+        str, typer.Option("--least", metavar="GRADE", help="Lowest grade that passes: A, B, C or D.")
+    ] = "D",
     annotate: Annotated[Path | None, typer.Option("--annotate", help="Folder for annotated images.")] = None,
     certificate: Annotated[
         Path | None, typer.Option("--certificate", help="PDF file to write, one page per landmark.")
