@@ -334,14 +334,14 @@ class JointSolver:
 
     def _doubtful(self, current: Sequence[MappedLandmark], order: Sequence[int]) -> tuple[KeptOut, ...]:
         """Landmarks that too few frames of all recordings support."""
-        frames = {}
+        times = {}
         for m, number in zip(current, order, strict=True):
-            members = self.group.versions[number].members
-            pairs = [(self.problems[recording], row) for recording, row in members]
-            frames[m.id] = sum(
-                len(np.unique(problem.seen.at[(problem.seen.of == row) & problem.used])) for problem, row in pairs
-            )
-        return doubtful_landmarks(current, frames, {*self.known, *self.anchors})
+            times[m.id] = [np.zeros(0) for _ in self.problems]
+            for recording, row in self.group.versions[number].members:
+                problem = self.problems[recording]
+                at = np.unique(problem.seen.at[(problem.seen.of == row) & problem.used])
+                times[m.id][recording] = problem.times[at]
+        return doubtful_landmarks(current, times, {*self.known, *self.anchors})
 
     def _covariance(self, noise: Sequence[float]) -> FloatArray:
         """Joint covariance of all versions, with a factor of the variances of each recording's observations."""

@@ -2,21 +2,25 @@
 
 A reading's confidence says how often such readings are right, and two readings of a code in one place leave next to
 no doubt that it is mounted there, if they err independently.  Those of one frame do not: both cameras look at the
-same print in the same light.  So frames are counted.  A code that stands in the place of another one, which is read
-ten times as often, is a misreading of that, however often.
+same print in the same light.  So frames are counted.  A code that stands in the place of another one is a misreading
+of that, if the other is read ten times as often, or twice as often and before and after it: a landmark that took the
+place of another one is read after that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from lmkit.arrays import FloatArray
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.landmark_overlap import overlaps
 
 LEAST_FRAMES = 2
 RARE = 0.1  # of the frames of the landmark in whose place it stands
+# The same, of a code that is read between readings of that landmark; and the share of its own frames which lie so.
+RARE_BETWEEN, BETWEEN = 0.5, 0.5
 
 
 @dataclass(frozen=True)
@@ -42,23 +46,35 @@ class KeptOut:
 
 
 def doubtful_landmarks(
-    landmarks: Iterable[MappedLandmark], frames: Mapping[LandmarkId, int], known: Collection[LandmarkId]
+    landmarks: Iterable[MappedLandmark],
+    times: Mapping[LandmarkId, Sequence[FloatArray]],
+    known: Collection[LandmarkId],
 ) -> tuple[KeptOut, ...]:
     """Landmarks that are not to be believed.
 
     Args:
-        frames: in how many frames an observation fits each landmark.
+        times: of the frames in which an observation fits each landmark, seconds, in each recording.
         known: landmarks that are known beforehand, or define the frame; those are believed.
     """
     landmarks = list(landmarks)
+    frames = {m.id: sum(map(len, times.get(m.id, ()))) for m in landmarks}
     found = {
         m.id: "it was read in one frame only, and may be a misreading"
         for m in landmarks
-        if m.id not in known and frames.get(m.id, 0) < LEAST_FRAMES
+        if m.id not in known and frames[m.id] < LEAST_FRAMES
     }
     for a, b, _ in overlaps(m for m in landmarks if m.id not in found):
-        rare, often = sorted((a.id, b.id), key=lambda id_: frames.get(id_, 0))
-        few, many = frames.get(rare, 0), frames.get(often, 0)
-        if rare not in known and few <= RARE * many:
+        rare, often = sorted((a.id, b.id), key=lambda id_: frames[id_])
+        few, many = frames[rare], frames[often]
+        if rare in known:
+            continue
+        between = _between(times[rare], times[often])
+        if few <= RARE * many or (few <= RARE_BETWEEN * many and between >= BETWEEN * few):
             found[rare] = f"it was read in {few} frames in the place of {often}, which was read in {many}"
     return tuple(KeptOut(id_, reason) for id_, reason in sorted(found.items()))
+
+
+def _between(times: Sequence[FloatArray], others: Sequence[FloatArray]) -> int:
+    """How many times lie between others, in the same recording: what took a landmark's place is read after it."""
+    pairs = [(own, other) for own, other in zip(times, others, strict=True) if len(other)]
+    return sum(int(((own > other.min()) & (own < other.max())).sum()) for own, other in pairs)

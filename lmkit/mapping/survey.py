@@ -86,7 +86,7 @@ def survey_frames(
 def _without_doubtful(result: Survey, known: Collection[LandmarkId]) -> Survey:
     """The survey without landmarks that too few frames support."""
     bundle = result.bundle
-    kept_out = doubtful_landmarks(bundle.landmarks, frames_that_fit(bundle), known)
+    kept_out = doubtful_landmarks(bundle.landmarks, times_that_fit(bundle), known)
     out = {one.id for one in kept_out}
     return replace(
         result,
@@ -100,12 +100,12 @@ def _without_doubtful(result: Survey, known: Collection[LandmarkId]) -> Survey:
     )
 
 
-def frames_that_fit(bundle: Bundle) -> dict[LandmarkId, int]:
-    """In how many frames an observation fits each landmark."""
+def times_that_fit(bundle: Bundle) -> dict[LandmarkId, list[FloatArray]]:
+    """Times of the frames in which an observation fits each landmark, in this one recording."""
     fits = bundle.residuals < OUTLIER_SIGMA
-    pairs = np.unique(np.column_stack([bundle.of, bundle.frames])[fits], axis=0)
-    counts = np.bincount(pairs[:, 0], minlength=len(bundle.ids)).tolist()
-    return dict(zip(bundle.ids, counts, strict=True))
+    return {
+        id_: [bundle.times_s[np.unique(bundle.frames[fits & (bundle.of == k)])]] for k, id_ in enumerate(bundle.ids)
+    }
 
 
 def moved_since_known(

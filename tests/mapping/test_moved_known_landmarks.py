@@ -147,24 +147,34 @@ def mapped(code, x_m, size_m=0.18):
     return MappedLandmark(LandmarkId("lm8", code), size_m, Pose("map", "landmark", np.eye(3), np.array([x_m, 0, 0])))
 
 
+def frames(count, from_s=0.0, to_s=30.0):
+    return np.linspace(from_s, to_s, count)
+
+
 @pytest.mark.parametrize(
-    ("frames", "known", "out"),
+    ("times", "known", "out"),
     [
-        ({1: 30, 2: 1}, (), [2]),
-        ({1: 30, 2: 2}, (), []),
-        ({1: 30, 2: 1}, (2,), []),
-        ({1: 30, 3: 3}, (), [3]),
-        ({1: 30, 3: 4}, (), []),
-        ({1: 30, 3: 3}, (3,), []),
+        ({1: frames(30), 2: frames(1)}, (), [2]),
+        ({1: frames(30), 2: frames(2)}, (), []),
+        ({1: frames(30), 2: frames(1)}, (2,), []),
+        ({1: frames(30), 3: frames(3, 40, 50)}, (), [3]),
+        ({1: frames(30), 3: frames(4, 40, 50)}, (), []),
+        ({1: frames(30), 3: frames(15, 10, 20)}, (), [3]),
+        ({1: frames(30), 3: frames(16, 10, 20)}, (), []),
+        ({1: frames(30), 3: frames(15, 25, 50)}, (), []),
+        ({1: frames(30), 3: frames(3)}, (3,), []),
     ],
-    ids=["one frame", "two frames", "known", "rare in a place", "not so rare", "rare and known"],
+    ids=[
+        *("one frame", "two frames", "known", "rare in a place", "not so rare, after it"),
+        *("between", "between, but often", "half after it", "rare and known"),
+    ],
 )
-def test_too_few_frames_are_no_landmark(frames, known, out):
+def test_too_few_frames_are_no_landmark(times, known, out):
     places = {1: 0.0, 2: 1.0, 3: 0.03}  # the third stands in the place of the first
     ids = {code: LandmarkId("lm8", code) for code in places}
     found = doubtful_landmarks(
-        [mapped(code, places[code]) for code in frames],
-        {ids[code]: count for code, count in frames.items()},
+        [mapped(code, places[code]) for code in times],
+        {ids[code]: [at] for code, at in times.items()},
         {ids[code] for code in known},
     )
     assert [one.id.code for one in found] == out
