@@ -39,7 +39,7 @@ Spoil = Callable[[Drive, LandmarkId, LandmarkId, np.random.Generator], list[RigF
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of the false codes of a recording, and of the true landmarks."""
+    """Fates of the false codes of a recording, and counts of the true landmarks."""
 
     became: tuple[str, ...]
     lost: int
