@@ -10,7 +10,7 @@ export function frameOf({ landmarks, walls = [] }, extra = []) {
 export function planOf(landmarks, { walls = [], doubts = {}, pins = {}, chosen = null, choose = null, extra = [], ellipses = true } = {}) {
   const [x0, x1, y0, y1] = frameOf({ landmarks, walls }, extra);
   const pad = 0.5 + 0.06 * Math.max(x1 - x0, y1 - y0), w = Math.max(x1 - x0, 1) + 2 * pad, hh = Math.max(y1 - y0, 1) + 2 * pad;
-  const left = x0 - pad, top = -(y1 + pad), unit = Math.max(w, hh) / 100;
+  const left = x0 - pad, top = -(y1 + pad), unit = Math.max(w, hh) / (innerWidth < 720 ? 60 : 100);
   const step = w > 40 ? 10 : w > 15 ? 5 : w > 6 ? 2 : 1;
   const lines = [];
   for (let x = Math.ceil(left / step) * step; x <= left + w; x += step) lines.push(s("line", { class: "gridline", x1: x, x2: x, y1: top, y2: top + hh }), axisLabel(x, left + w, top + hh, unit));

@@ -21,7 +21,7 @@ export function wallsCard({ save, load, redraw }) {
   function around() {
     const xs = landmarks.map((l) => l.position[0]), ys = landmarks.map((l) => l.position[1]), r = (v) => Math.round(v * 100) / 100;
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)].map(r);
-    if (x1 - x0 < 0.5 || y1 - y0 < 0.5) { toast("The landmarks hang on one wall: draw the others", "bad"); return; }
+    if (x1 - x0 < 0.5 || y1 - y0 < 0.5) { toast("All landmarks are on one wall: draw the others", "bad"); return; }
     const corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
     save(corners.map((start, k) => ({ start, end: corners[(k + 1) % 4], name: "", landmarks: true })));
   }
@@ -30,7 +30,7 @@ export function wallsCard({ save, load, redraw }) {
     const turn = () => { drawing = drawing ? null : { from: null }; draw(); redraw(); };
     const begin = drawing ? null : h("button", { type: "button", onclick: turn }, "Draw walls on the plan");
     fill(bar, drawing ? note("", drawing.from ? "click at the next corner" : "click where a wall begins, then at each of its corners", "ends snap to each other and to 5 cm") : null, drawing ? h("div", { class: "row" }, h("button", { class: "primary", type: "button", onclick: turn }, "Done drawing")) : null);
-    fill(box, h("h2", null, "Walls"), h("p", { class: "small soft" }, "floor.yaml: what blocks the view, and where landmarks can hang. Coverage and mounting sites need closed rooms."),
+    fill(box, h("h2", null, "Walls"), h("p", { class: "small soft" }, "floor.yaml: what blocks the view, and where landmarks can be mounted. Coverage and mounting sites need closed rooms."),
       gap ? note("warn", `the walls do not close a room: one ends freely at ${point(gap)} m`, drawing ? "go on to the wall where it begins" : "draw what is missing, or move its end onto another wall") : null,
       walls.length ? h("ul", { class: "list" }, walls.map((w, k) => h("li", null, h("button", { class: "plain", type: "button", "aria-label": `Edit wall ${w.name || k + 1}`, onclick: () => { chosen = chosen === k ? null : k; draw(); } }, w.name || `Wall ${k + 1}`), h("span", { class: "soft small" }, `${point(w.start)} to ${point(w.end)}${w.landmarks ? "" : ", no landmarks"}`), chosen === k ? editor(k) : null))) : null,
       h("div", { class: "row" }, !walls.length && landmarks.length > 1 ? h("button", { class: "primary", type: "button", onclick: around }, "A room around the landmarks") : null, begin),
