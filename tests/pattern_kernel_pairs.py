@@ -12,6 +12,7 @@ from lmkit.kernels.cell_codes import cell_codes, cell_codes_numpy
 from lmkit.kernels.grid_moments import grid_moments, grid_moments_numpy
 from lmkit.kernels.grid_pattern import GridDrawing, jets_numpy
 from lmkit.kernels.hypotheses import DecodingRules, Words, decode, decode_numpy
+from lmkit.kernels.mosaic import MosaicRules
 from lmkit.kernels.noise import noise, noise_numpy
 from lmkit.kernels.occlusion import OcclusionRules
 from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
@@ -22,6 +23,7 @@ from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
 from lmkit.kernels.registration import (
     Hypothesis,
     Limits,
+    Mosaic,
     Priors,
     Samples,
     Steps,
@@ -100,6 +102,13 @@ def _registrations(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         drawing, samples, state, hypothesis = _landmark(rng, rings, count, False)
         for rounds in (0, 2):
             yield drawing, VIEW, samples, PRIORS, LIMITS, state, hypothesis, Steps(rounds, 12, 1e-4, rings == 2)
+    for rings, count in [(2, 900), (1, 70)]:
+        drawing, samples, state, hypothesis = _landmark(rng, rings, count, False)
+        column, row = samples.at.astype(int) % 2
+        smeared = samples.values + rng.normal(0, 0.02, samples.values.shape) * ((row + column) % 2 == 0)
+        mosaic = Mosaic((2 * row + column).astype(np.float32), MosaicRules(0.3, 0.15, 2.0, 0.04))
+        samples = Samples.of(samples.at, smeared, samples.variance)
+        yield drawing, VIEW, samples, PRIORS, LIMITS, state, hypothesis, Steps(2, 12, 1e-4), mosaic
 
 
 def _weightings(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:

@@ -38,6 +38,7 @@ from lmkit.kernels.landmark_fit import (
     Settled,
     Start,
 )
+from lmkit.kernels.mosaic import MosaicRules
 from lmkit.kernels.registration import Priors, Steps
 from lmkit.model.landmark import LandmarkFamily
 
@@ -50,6 +51,8 @@ START = Start(least_blur=0.8, blur_share=0.012, blurred_side=COARSE_SIDE_PX)
 # Of blue, green and red, in the last steps: what cameras do to color errs most in blue and red (decision 40).  A
 # sensor with a mosaic sees these in a quarter of its pixels and green in half, and JPEG files keep color halved.
 CHANNEL_WEIGHTS = (0.8, 1.3, 0.9)
+# Interpolated values err by color where the image is curved (decision 51).
+MOSAIC = MosaicRules(error_share=0.3, evidence=0.15, log_odds=2.0, least_weight=0.04)
 COARSE_PIXELS = 400  # enough to read and to find the place; the last steps take more
 
 
@@ -90,7 +93,7 @@ class FitSteps:
         if not fit.sample(self.pixels, near_edges=True):
             return False
         fit.samples.weigh_channels(CHANNEL_WEIGHTS)
-        fit.register(FINE._replace(fit_distortion=self.fit_distortion))
+        fit.register(FINE._replace(fit_distortion=self.fit_distortion), MOSAIC)
         fit.decode()
         fit.decode_robust()
         return True
@@ -146,4 +149,5 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         START,
         CornerErrors(LEAST_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX, GROWTH, FULL_PX, STRETCH),
         CHANNEL_WEIGHTS,
+        MOSAIC,
     )

@@ -32,7 +32,8 @@ class PixelSamples:
         values: (3,N) BGR in linear light.
         light: (N,) what the values were divided by to take shadows out.
         noise_variance: (N,) expected variance of a value by the image's noise, up to a common factor.
-        variance: (N,) that, and more where the model does not fit.
+        cells: (N,) place in a cell of 2 x 2 pixels; see :mod:`lmkit.kernels.mosaic`.
+        variance: (N,) the noise's, and more where the model does not fit.
         prior_weight: the common factor, so that priors weigh as they should against the values.
     """
 
@@ -40,6 +41,7 @@ class PixelSamples:
     values: Float32Array
     light: Float32Array
     noise_variance: Float32Array
+    cells: Float32Array
     variance: Float32Array
     prior_weight: float = 10.0
 

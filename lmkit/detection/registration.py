@@ -17,9 +17,10 @@ from lmkit.detection.pixel_sampling import DISTORTION, PixelSamples, mean_side, 
 from lmkit.detection.shadows import ShadowEdge
 from lmkit.kernels.grid_pattern import GridDrawing
 from lmkit.kernels.landmark_fit import Fitted
+from lmkit.kernels.mosaic import MosaicRules
 from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.plane import STATE, View, displaced_numpy, distorted_numpy
-from lmkit.kernels.registration import Hypothesis, Limits, Priors, Steps, register, robust_weights
+from lmkit.kernels.registration import Hypothesis, Limits, Mosaic, Priors, Steps, register, robust_weights
 from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LandmarkFamily
 
@@ -126,8 +127,8 @@ class DrawingFit:
         x1, y1 = np.minimum(np.ceil(high) + 1 + SHADOW_ROOM_PX, self.image.size).astype(int).tolist()
         self.image = self.image.renormalized((x0, y0, x1, y1), edge.light((x0, y0, x1, y1)))
 
-    def register(self, steps: Steps) -> None:
-        """Move to a smaller error, never to a larger one, discounting what does not fit."""
+    def register(self, steps: Steps, mosaic: MosaicRules | None = None) -> None:
+        """Move to a smaller error, never to a larger one, discounting what does not fit and what a mosaic lacks."""
         found = register(
             self.drawing,
             self.view,
@@ -137,6 +138,7 @@ class DrawingFit:
             self.state,
             self.hypothesis,
             steps,
+            None if mosaic is None else Mosaic(self.samples.cells, mosaic),
         )
         self.state, self._normal, self._error = found.state, found.normal, found.error
         self.samples.variance, self.samples.prior_weight = found.variance, found.prior_weight

@@ -42,12 +42,12 @@ typedef struct {
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
     double least_error, few_edges, mosaic, growth, full, stretch; /* of the corners, px */
-    double channel_weights[3];
+    double channel_weights[3], color_mosaic[4];
 } Fit;
 
 /* Pixels in use, planes of n values, and room for the kernels. */
 typedef struct {
-    float *at, *values, *light, *variance, *robust, *work;
+    float *at, *values, *light, *variance, *cells, *robust, *work;
     uint8_t *kinds;
     double *subsets;
     int64_t n, capacity;
@@ -155,14 +155,15 @@ static int take(const Fit *f, const double *view, const double *state, int64_t a
     const double rules[7] = {f->reach, f->band / side_of(state), (double)at_most, near_share, f->noise, f->floor, f->paper};
     const int64_t room = at_most + at_most / 5 + 64, c = room < p->capacity ? room : p->capacity;
     float *planes = p->at;
-    if (lmkit_sample_pixels(f->height, f->width, f->image, f->linear, f->white, f->shift, view, state, box, f->edges, f->squares, f->circles, rules, p->kinds, c, planes, planes + 2 * c, planes + 5 * c, planes + 6 * c, planes + 7 * c, &p->n))
+    if (lmkit_sample_pixels(f->height, f->width, f->image, f->linear, f->white, f->shift, view, state, box, f->edges, f->squares, f->circles, rules, p->kinds, c, planes, planes + 2 * c, planes + 5 * c, planes + 6 * c, planes + 7 * c, p->robust, &p->n))
         return 0;
     const int64_t n = p->n;
-    for (int64_t k = 1; k < 7; k++)
+    for (int64_t k = 1; k < 8; k++)
         memmove(planes + k * n, planes + k * c, (size_t)n * sizeof *planes);
     p->values = planes + 2 * n;
     p->light = planes + 5 * n;
     p->variance = planes + 6 * n;
+    p->cells = planes + 7 * n;
     return n >= f->least_pixels;
 }
 
@@ -207,12 +208,13 @@ static void limits_of(const Fit *f, const Steps *steps, double *limits)
     limits[LIMITS - 1] = steps->negligible;
 }
 
-static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, double *state, double *out)
+/* cells: of the color mosaic, or null where it does not count. */
+static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, const float *cells, double *state, double *out)
 {
     int64_t turn = (int64_t)decoded[0], code = (int64_t)decoded[1], open = f->masks[turn * f->codes + code];
     double limits[LIMITS];
     limits_of(f, steps, limits);
-    return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, p->work, state, p->robust, out + 2, out + 3, out + 1);
+    return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, cells, f->color_mosaic, p->work, state, p->robust, out + 2, out + 3, out + 1);
 }
 
 static void weigh_channels(const Fit *f, Pixels *p)
@@ -317,7 +319,7 @@ static int place_corners(const Fit *f, const double *view, const double *state, 
 int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t fit_distortion, int64_t capacity,
                        float *planes, float *work, uint8_t *kinds, double *subsets, double *state, double *out)
 {
-    Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    Pixels p = {planes, NULL, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
     const int64_t decoding = HEAD + 2 + 2 * (2 + f->gaps);
     double *plain = out + 3 + STATE * STATE, *robust = plain + decoding, *corners = robust + decoding;
     /* While the code may still change, its parts are of no use. */
@@ -330,7 +332,7 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
             return 1;
         for (int64_t k = 0; k < f->read_rounds && plain[0] >= 0.0; k++) {
             const double turn = plain[0], code = plain[1];
-            if (!fit_step(f, view, &f->coarse, 0, plain, &p, state, out) || !take(f, view, state, f->coarse_pixels, 0.0, &p))
+            if (!fit_step(f, view, &f->coarse, 0, plain, &p, NULL, state, out) || !take(f, view, state, f->coarse_pixels, 0.0, &p))
                 return 1;
             read_code(f, view, state, &p, p.variance, at_first, plain);
             if (plain[0] == turn && plain[1] == code)
@@ -343,7 +345,7 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
         if (!take(f, view, state, f->pixels, f->near_share, &p))
             return 1;
         weigh_channels(f, &p);
-        if (!fit_step(f, view, &f->fine, fit_distortion, plain, &p, state, out))
+        if (!fit_step(f, view, &f->fine, fit_distortion, plain, &p, p.cells, state, out))
             return 1;
         read_code(f, view, state, &p, p.variance, PARTS, plain);
         /* Only its margins count. */
@@ -388,7 +390,7 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
                      double to_px, double hopeless, double by_error, int64_t capacity, float *planes, float *work,
                      uint8_t *kinds, double *subsets, int32_t *masks, double *state, double *results, double *out)
 {
-    Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    Pixels p = {planes, NULL, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
     if (!take(f, view, state, f->coarse_pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
@@ -403,7 +405,7 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
     const double far = fmax(hopeless, by_error * decoded[2] / (3.0 * (double)p.n));
     if (decoded[0] == (double)turn && decoded[1] == (double)code && fmin(margin(f, decoded, decoded[3], p.n), margin(f, decoded, decoded[4], p.n)) > far)
         return 0;
-    if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, open, turn, 0, 0, most, to_px, p.work, state, p.robust, weight, normal, error))
+    if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, open, turn, 0, 0, most, to_px, NULL, NULL, p.work, state, p.robust, weight, normal, error))
         return 1;
     const double per_log = 3.0 * (double)p.n / f->correlated / 2.0, own = *error > 1e-9 ? *error : 1e-9;
     out[1] = own;
@@ -415,7 +417,7 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
         if (per_log * log(decoded[2] / (3.0 * (double)p.n * own)) > far)
             break;
         memcpy(moved, state, sizeof moved);
-        if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, masks[turn * codes + code], turn, 0, 0, most, to_px, p.work, moved, p.robust, weight, normal, error))
+        if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, masks[turn * codes + code], turn, 0, 0, most, to_px, NULL, NULL, p.work, moved, p.robust, weight, normal, error))
             break;
         out[2] = out[2] < 0.0 || *error < out[2] ? *error : out[2];
         if (out[2] < own)

@@ -9,7 +9,7 @@ LMKIT_EXPORT int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_
                                      const double *state, const int64_t *box, const float *edges,
                                      int64_t squares, int64_t circles, const double *rules, uint8_t *kinds,
                                      int64_t capacity, float *out_at, float *values, float *light,
-                                     float *variance, float *scratch, int64_t *count);
+                                     float *variance, float *cells, float *scratch, int64_t *count);
 
 LMKIT_EXPORT int lmkit_decode(int64_t n, const float *drawing, const double *view, const float *at,
                               const float *values, const float *variance, const double *state,
@@ -27,7 +27,8 @@ int decode_pixels(int64_t n, const float *drawing, const double *view, const flo
 LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at,
                                 const float *values, const float *variance, const double *rules,
                                 const double *limits, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
-                                int64_t rounds, int64_t iterations, double to_px, float *scratch, double *state,
+                                int64_t rounds, int64_t iterations, double to_px, const float *cells,
+                                const double *mosaic, float *scratch, double *state,
                                 float *robust_variance, double *prior_weight, double *normal, double *error);
 
 #endif

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lmkit.kernels.hypotheses import HEAD, TAIL, Decoded, DecodingRules, Words
 from lmkit.kernels.lens import Lens
 from lmkit.kernels.load import address, addresses, contiguous, function
+from lmkit.kernels.mosaic import MosaicRules
 from lmkit.kernels.pattern import INKS, Drawing
 from lmkit.kernels.pixel_sampling import VISITED, Edges, Source
 from lmkit.kernels.plane import STATE, View
@@ -113,6 +114,7 @@ class FitRules(NamedTuple):
         read_rounds: how often the code may change.
         coarse, fine: registration at first, and in the end.
         channel_weights: of blue, green and red in the end: values are times these.
+        mosaic: how values that a color mosaic lacks are weighed in the end.
     """
 
     reach: float
@@ -133,6 +135,7 @@ class FitRules(NamedTuple):
     start: Start
     errors: CornerErrors
     channel_weights: tuple[float, float, float]
+    mosaic: MosaicRules
     floor: float = 1e-8
 
 
@@ -185,6 +188,7 @@ class _Fit(ctypes.Structure):
         ("start", ctypes.c_double * 3),
         ("errors", ctypes.c_double * 6),
         ("channel_weights", ctypes.c_double * 3),
+        ("color_mosaic", ctypes.c_double * 4),
     )
 
 
@@ -213,7 +217,7 @@ class FitTask:
             ),
             *(0.0, rules.reach, rules.band, rules.near_share, 0.0, rules.floor, rules.paper),
             *map(_numbers, (rules.decoding.flat, rules.priors, rules.limits, rules.promising)),
-            *map(_numbers, (rules.settled, rules.start, rules.errors, rules.channel_weights)),
+            *map(_numbers, (rules.settled, rules.start, rules.errors, rules.channel_weights, rules.mosaic)),
         )
         self.most = most = max(rules.pixels, rules.coarse_pixels)
         self.capacity = capacity = most + most // 5 + 64

@@ -86,6 +86,25 @@ static inline float normal_distribution(float a, float *density)
     return a > 0.0f ? 1.0f - tail : tail;
 }
 
+/* log2 of x > 0, to 1e-6. */
+static inline float log2_of(float x)
+{
+    union {
+        float f;
+        int32_t i;
+    } bits;
+    bits.f = x * 1.41421356f;
+    int32_t e = (bits.i >> 23) - 127;
+    bits.i = (bits.i & 0x007fffff) | 0x3f800000;
+    float m = bits.f * 0.70710678f, s = (m - 1.0f) / (m + 1.0f), q = s * s;
+    return (float)e + 2.88539008f * s * (1.0f + q * (0.33333333f + q * (0.2f + q * (0.14285714f + q * 0.11111111f))));
+}
+
+static inline float natural_log(float x)
+{
+    return 0.69314718f * log2_of(x);
+}
+
 static inline void edge_values(const float *restrict distance, const float *restrict inverse_s, float *restrict v)
 {
     EACH {

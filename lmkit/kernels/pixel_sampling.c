@@ -18,16 +18,7 @@
 /* x^p for 0 < x <= 1 and p > 0, to 1e-6. */
 static inline float power(float x, float p)
 {
-    union {
-        float f;
-        int32_t i;
-    } bits;
-    bits.f = x * 1.41421356f;
-    int32_t e = (bits.i >> 23) - 127;
-    bits.i = (bits.i & 0x007fffff) | 0x3f800000;
-    float m = bits.f * 0.70710678f, s = (m - 1.0f) / (m + 1.0f), q = s * s;
-    float log2 = (float)e + 2.88539008f * s * (1.0f + q * (0.33333333f + q * (0.2f + q * (0.14285714f + q * 0.11111111f))));
-    return exp_negative(log2 * p * 0.69314718f);
+    return exp_negative(log2_of(x) * p * 0.69314718f);
 }
 
 /* First column of row y at which the lattice of this step lies. */
@@ -73,7 +64,7 @@ int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, con
                         const float *white, const float *shift, const double *view, const double *state,
                         const int64_t *box, const float *edges, int64_t squares, int64_t circles,
                         const double *rules, uint8_t *kinds, int64_t capacity, float *out_at, float *values,
-                        float *light, float *variance, float *scratch, int64_t *count)
+                        float *light, float *variance, float *cells, float *scratch, int64_t *count)
 {
     Plane plane = plane_of(view, state);
     const int64_t x0 = box[0], y0 = box[1], x1 = box[2], y1 = box[3], step = box[4];
@@ -135,6 +126,7 @@ int lmkit_sample_pixels(int64_t height, int64_t width, const uint8_t *image, con
             for (int c = 0; c < 3; c++)
                 values[c * capacity + n] = linear[image[3 * pixel + c]] * inverse;
             light[n] = lit;
+            cells[n] = (float)((y & 1) * 2 + (x & 1));
             n++;
         }
     *count = n;

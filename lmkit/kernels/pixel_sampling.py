@@ -89,12 +89,21 @@ class SamplingRules(NamedTuple):
 
 
 class Taken(NamedTuple):
-    """(2,N) positions relative to the view's origin, (3,N) values, (N,) what they were divided by, (N,) variance."""
+    """Pixels in use.
+
+    Attributes:
+        at: (2,N) positions relative to the view's origin.
+        values: (3,N).
+        light: (N,) what they were divided by.
+        variance: (N,).
+        cells: (N,) place in a cell of 2 x 2 pixels: row modulo 2 times 2, plus column modulo 2.
+    """
 
     at: Float32Array
     values: Float32Array
     light: Float32Array
     variance: Float32Array
+    cells: Float32Array
 
 
 def sample(
@@ -114,19 +123,19 @@ def sample(
         return sample_numpy(source, view, state, box, edges, rules)
     step = _step(box, rules.at_most)
     capacity = int(1.2 * rules.at_most) + 64
-    planes = np.empty((8, capacity), np.float32)
+    planes = np.empty((9, capacity), np.float32)
     kinds = np.empty(((x1 - x0) // step + 2) * (y1 - y0) + 1, np.uint8)
     count = np.zeros(1, np.int64)
     state, flat = contiguous(state, (STATE,)), view.flat
     corners, known = np.array([x0, y0, x1, y1, step]), np.array([*edges.squares, *edges.circles], np.float32)
     numbers = np.array(rules, np.float64)
     arrays = addresses(*source, flat, state, corners, known)
-    planes_at = [address(planes) + 4 * capacity * k for k in (0, 2, 5, 6, 7)]
+    planes_at = [address(planes) + 4 * capacity * k for k in (0, 2, 5, 6, 7, 8)]
     shapes = (len(edges.squares), len(edges.circles))
     kernel(height, width, *arrays, *shapes, *addresses(numbers, kinds), capacity, *planes_at, address(count))
     n = int(count[0])
-    kept = np.ascontiguousarray(planes[:7, :n])
-    return Taken(kept[:2], kept[2:5], kept[5], kept[6])
+    kept = np.ascontiguousarray(planes[:8, :n])
+    return Taken(kept[:2], kept[2:5], *kept[5:])
 
 
 def sample_numpy(
@@ -160,8 +169,8 @@ def sample_numpy(
     light = np.zeros(len(x)) if source.white is None else source.white[y, x].astype(np.float64)
     light[light <= 0] = 1.0
     values = source.linear[source.image[y, x]] / light[:, None]
-    variance = value_variance(values, light, rules)
-    return Taken(*(np.ascontiguousarray(a, np.float32) for a in (at.T, values.T, light, variance)))
+    variance, cells = value_variance(values, light, rules), y % 2 * 2 + x % 2
+    return Taken(*(np.ascontiguousarray(a, np.float32) for a in (at.T, values.T, light, variance, cells)))
 
 
 def value_variance(values: FloatArray, light: FloatArray, rules: SamplingRules) -> FloatArray:
@@ -193,4 +202,4 @@ def _step(box: tuple[int, int, int, int], at_most: int) -> int:
 @lru_cache(maxsize=1)
 def _kernel() -> Any:
     p, n = ctypes.c_void_p, ctypes.c_int64
-    return function("lmkit_sample_pixels", n, n, *[p] * 8, n, n, p, p, n, *[p] * 6)
+    return function("lmkit_sample_pixels", n, n, *[p] * 8, n, n, p, p, n, *[p] * 7)

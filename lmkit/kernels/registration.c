@@ -6,6 +6,7 @@
 #include "landmark_fit.h"
 #include "lanes.h"
 #include "linear.h"
+#include "mosaic.h"
 #include "plane.h"
 #include "select.h"
 
@@ -22,6 +23,8 @@ typedef struct {
     uint32_t open_gaps;
     int quarter, fit_distortion;
     float *scratch;
+    const float *cells; /* of a color mosaic, whose values then have weights of their own; or null */
+    float color_roots[3][PLACES];
 } Problem;
 
 LMKIT_EXPORT int lmkit_linearize(int64_t n, const float *drawing, const double *view, const float *at,
@@ -42,6 +45,24 @@ static int in_block(const Problem *p, int64_t b)
 {
     int64_t left = p->n - b * BLOCK;
     return left < BLOCK ? (int)left : BLOCK;
+}
+
+/* Square roots of the weights in a block: of blue, green and red, or the first for all where there is no mosaic. */
+static void load_roots(const Problem *p, int64_t b, int count, block *roots)
+{
+    load_root(p->variance + b * BLOCK, count, roots[0]);
+    if (!p->cells)
+        return;
+    block cell;
+    load_block(p->cells + b * BLOCK, count, cell);
+    for (int c = 2; c >= 0; c--) {
+        const float *w = p->color_roots[c];
+        const float right = w[1] - w[0], down = w[2] - w[0], both = w[3] - w[2] - right;
+        EACH {
+            float y = cell[i] >= 2.0f ? 1.0f : 0.0f, x = cell[i] - 2.0f * y;
+            roots[c][i] = roots[0][i] * (w[0] + right * x + down * y + both * x * y);
+        }
+    }
 }
 
 /* (4,4) gram of the design in scratch, with ridge, as a Cholesky factor. */
@@ -85,9 +106,10 @@ static void white_inverses(const float *inks, float *inverse)
         inverse[c] = 1.0f / (inks[c] > 1e-3f ? inks[c] : 1e-3f);
 }
 
-static void solve_inks(const InkNormal *normal, lanes (*seen)[INKS], float *inks)
+static void solve_inks(const InkNormal *normals, int weighings, lanes (*seen)[INKS], float *inks)
 {
     for (int c = 0; c < 3; c++) {
+        const InkNormal *normal = normals + (c < weighings ? c : 0);
         double b[INKS];
         for (int k = 0; k < INKS; k++)
             b[k] = total(&seen[c][k]);
@@ -101,29 +123,33 @@ static void solve_inks(const InkNormal *normal, lanes (*seen)[INKS], float *inks
 /* The inks at their best for designs in scratch (one every `stride` floats). */
 static int best_inks(const Problem *p, const double *state, int64_t stride, float *inks)
 {
-    lanes gram[INKS * (INKS + 1) / 2], seen[3][INKS];
+    const int weighings = p->cells ? 3 : 1;
+    lanes gram[3][INKS * (INKS + 1) / 2], seen[3][INKS];
     memset(gram, 0, sizeof gram);
     memset(seen, 0, sizeof seen);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
         const block *design = (const block *)(p->scratch + b * stride);
-        block root, weighted[INKS], value;
+        block roots[3], weighted[INKS], value;
         int count = in_block(p, b);
-        load_root(p->variance + b * BLOCK, count, root);
-        for (int k = 0; k < INKS; k++)
-            EACH weighted[k][i] = design[k][i] * root[i];
-        for (int i = 0, k = 0; i < INKS; i++)
-            for (int j = 0; j <= i; j++, k++)
-                add_dot(gram + k, weighted[i], weighted[j]);
+        load_roots(p, b, count, roots);
         for (int c = 0; c < 3; c++) {
+            const float *root = roots[c < weighings ? c : 0];
+            if (c < weighings) {
+                for (int k = 0; k < INKS; k++)
+                    EACH weighted[k][i] = design[k][i] * root[i];
+                for (int i = 0; i < INKS; i++)
+                    add_dots(gram[c] + i * (i + 1) / 2, weighted[i], (const block *)weighted, i + 1);
+            }
             load_block(p->values + c * p->n + b * BLOCK, count, value);
             EACH value[i] *= root[i];
             add_dots(seen[c], value, (const block *)weighted, INKS);
         }
     }
-    InkNormal normal;
-    if (!ink_normal(p->rules[0], gram, &normal))
-        return 0;
-    solve_inks(&normal, seen, inks);
+    InkNormal normals[3];
+    for (int c = 0; c < weighings; c++)
+        if (!ink_normal(p->rules[0], gram[c], normals + c))
+            return 0;
+    solve_inks(normals, weighings, seen, inks);
     float bleed = (float)state[14];
     if (bleed == 0.0f)
         return 1;
@@ -132,19 +158,21 @@ static int best_inks(const Problem *p, const double *state, int64_t stride, floa
     memset(seen, 0, sizeof seen);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
         const block *design = (const block *)(p->scratch + b * stride);
-        block root, weighted[INKS], value, drawn[3], blend[3];
+        block roots[3], weighted[INKS], value, drawn[3], blend[3];
         int count = in_block(p, b);
-        load_root(p->variance + b * BLOCK, count, root);
+        load_roots(p, b, count, roots);
         draw_values(design, inks, inverse_white, bleed, drawn, blend);
-        for (int k = 0; k < INKS; k++)
-            EACH weighted[k][i] = design[k][i] * root[i];
         for (int c = 0; c < 3; c++) {
+            const float *root = roots[c < weighings ? c : 0];
+            if (c < weighings)
+                for (int k = 0; k < INKS; k++)
+                    EACH weighted[k][i] = design[k][i] * root[i];
             load_block(p->values + c * p->n + b * BLOCK, count, value);
             EACH value[i] = (value[i] - bleed * blend[c][i]) * root[i];
             add_dots(seen[c], value, (const block *)weighted, INKS);
         }
     }
-    solve_inks(&normal, seen, inks);
+    solve_inks(normals, weighings, seen, inks);
     return 1;
 }
 
@@ -233,36 +261,39 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     homography_slopes(p->view, state, dH, H);
     float bleed = (float)state[14], inverse_half = (float)(1.0 / p->view[5]);
     const int used = p->fit_distortion ? STATE : STATE - 1; /* slopes; the residual is the row behind them */
-    lanes sums[STATE + 1][STATE + 1], seen[3][INKS][STATE], gram[INKS * (INKS + 1) / 2];
+    const int weighings = p->cells ? 3 : 1;
+    lanes sums[STATE + 1][STATE + 1], seen[3][INKS][STATE], gram[3][INKS * (INKS + 1) / 2];
     memset(sums, 0, sizeof sums);
     memset(seen, 0, sizeof seen);
     memset(gram, 0, sizeof gram);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
-        block x, y, light, root, move_x[8], move_y[8], rows[ROWS];
+        block x, y, light, roots[3], move_x[8], move_y[8], rows[ROWS];
         Points points;
         Jacobian J;
         int count = in_block(p, b);
         load_block(p->at + b * BLOCK, count, x);
         load_block(p->at + p->n + b * BLOCK, count, y);
         map_block(&plane, x, y, &points, &J, light);
-        load_root(p->variance + b * BLOCK, count, root);
+        load_roots(p, b, count, roots);
         EACH x[i] = 1.0f / (H[6] * points.x[i] + H[7] * points.y[i] + H[8]);
         for (int k = 0; k < 8; k++) {
             const float *m = dH[k];
             EACH {
                 float u = points.x[i], v = points.y[i];
                 float third = m[6] * u + m[7] * v + m[8];
-                move_x[k][i] = (m[0] * u + m[1] * v + m[2] - J.flat_x[i] * third) * x[i] * root[i];
-                move_y[k][i] = (m[3] * u + m[4] * v + m[5] - J.flat_y[i] * third) * x[i] * root[i];
+                move_x[k][i] = (m[0] * u + m[1] * v + m[2] - J.flat_x[i] * third) * x[i];
+                move_y[k][i] = (m[3] * u + m[4] * v + m[5] - J.flat_y[i] * third) * x[i];
             }
         }
         const block(*jets)[INKS] = (const block(*)[INKS])(p->scratch + b * JETS);
-        for (int k = 0; k < INKS; k++)
-            EACH rows[STATE + 1 + k][i] = jets[0][k][i] * root[i];
-        for (int i = 0, k = 0; i < INKS; i++)
-            for (int j = 0; j <= i; j++, k++)
-                add_dot(gram + k, rows[STATE + 1 + i], rows[STATE + 1 + j]);
         for (int c = 0; c < 3; c++) {
+            const float *root = roots[c < weighings ? c : 0];
+            if (c < weighings) {
+                for (int k = 0; k < INKS; k++)
+                    EACH rows[STATE + 1 + k][i] = jets[0][k][i] * root[i];
+                for (int i = 0; i < INKS; i++)
+                    add_dots(gram[c] + i * (i + 1) / 2, rows[STATE + 1 + i], (const block *)rows + STATE + 1, i + 1);
+            }
             float w = inks[c], r = inks[3 + c], u = inks[6 + c], s = inks[9 + c], iw = inverse_white[c];
             block drawn[JET], blend, value, by_x, by_y;
             load_block(p->values + c * p->n + b * BLOCK, count, value);
@@ -280,8 +311,8 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
                 }
             }
             EACH {
-                by_x[i] = drawn[1][i] * J.a[i] + drawn[2][i] * J.c[i];
-                by_y[i] = drawn[1][i] * J.b[i] + drawn[2][i] * J.d[i];
+                by_x[i] = (drawn[1][i] * J.a[i] + drawn[2][i] * J.c[i]) * root[i];
+                by_y[i] = (drawn[1][i] * J.b[i] + drawn[2][i] * J.d[i]) * root[i];
                 rows[used][i] = (value[i] - drawn[0][i]) * root[i];
             }
             for (int k = 0; k < 8; k++)
@@ -298,7 +329,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
                 rows[13][i] = -blend[i] * q;
             }
             if (p->fit_distortion)
-                EACH rows[STATE - 1][i] = -(by_x[i] * J.radial_x[i] + by_y[i] * J.radial_y[i]) * root[i];
+                EACH rows[STATE - 1][i] = -(by_x[i] * J.radial_x[i] + by_y[i] * J.radial_y[i]);
             for (int k = 0; k <= used; k++)
                 add_dots(sums[k], rows[k], (const block *)rows, k + 1);
             for (int k = 0; k < INKS; k++)
@@ -306,9 +337,10 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
         }
     }
     /* Variable projection (Kaufman 1975): take out what the inks could explain. */
-    InkNormal ink;
-    if (!ink_normal(p->rules[0], gram, &ink))
-        return 0;
+    InkNormal normals[3];
+    for (int c = 0; c < weighings; c++)
+        if (!ink_normal(p->rules[0], gram[c], normals + c))
+            return 0;
     for (int i = 0; i < STATE; i++)
         for (int j = 0; j <= i; j++) {
             int a = row_of(i), b = row_of(j);
@@ -319,7 +351,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
         for (int k = 0; k < STATE; k++) {
             for (int j = 0; j < INKS; j++)
                 projected[k][j] = total(&seen[c][j][row_of(k)]);
-            solve_lower(ink.factor, INKS, projected[k]);
+            solve_lower(normals[c < weighings ? c : 0].factor, INKS, projected[k]);
         }
         for (int i = 0; i < STATE; i++)
             for (int j = 0; j <= i; j++)
@@ -416,7 +448,7 @@ static void move(const double *state, const double *step, const double *limits, 
 
 static Problem problem_of(int64_t n, const float *drawing, const double *view, const float *at, const float *values, const float *variance, const double *rules, int64_t open_gaps, int64_t quarter, int64_t fit_distortion, float *scratch)
 {
-    Problem p = {read_drawing(drawing), view, rules, at, values, variance, n, (uint32_t)open_gaps, (int)quarter, (int)fit_distortion, scratch};
+    Problem p = {read_drawing(drawing), view, rules, at, values, variance, n, (uint32_t)open_gaps, (int)quarter, (int)fit_distortion, scratch, NULL, {{0.0f}}};
     return p;
 }
 
@@ -441,11 +473,12 @@ static int error_of(const Problem *p, const double *state, double *error)
     lanes sum;
     memset(&sum, 0, sizeof sum);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
-        block root, value, drawn[3], blend[3];
+        block roots[3], value, drawn[3], blend[3];
         int count = in_block(p, b);
-        load_root(p->variance + b * BLOCK, count, root);
+        load_roots(p, b, count, roots);
         draw_values((const block *)(p->scratch + b * INKS * BLOCK), inks, inverse_white, bleed, drawn, blend);
         for (int c = 0; c < 3; c++) {
+            const float *root = roots[p->cells ? c : 0];
             load_block(p->values + c * p->n + b * BLOCK, count, value);
             EACH value[i] = (value[i] - drawn[c][i]) * root[i];
             add_dot(&sum, value, value);
@@ -522,11 +555,12 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
     return 1;
 }
 
-/* Weights from designs in scratch, one every `stride` floats; misfit is room for n floats behind them. */
-static int weigh(const Problem *p, const double *state, int64_t stride, float *misfit, float *drawn, float *robust_variance, double *prior_weight)
+/* Weights from designs in scratch, one every `stride` floats; misfit is room for n floats behind them.  inks (12) and
+ * misfit_scale: what explains the values best, and the root of the median squared misfit then. */
+static int weigh(const Problem *p, const double *state, int64_t stride, float *misfit, float *drawn, float *robust_variance, double *prior_weight, float *inks, double *misfit_scale)
 {
     const int64_t n = p->n;
-    float inks[3 * INKS], inverse_white[3], bleed = (float)state[14];
+    float inverse_white[3], bleed = (float)state[14];
     if (!best_inks(p, state, stride, inks))
         return 0;
     white_inverses(inks, inverse_white);
@@ -547,7 +581,8 @@ static int weigh(const Problem *p, const double *state, int64_t stride, float *m
         }
     }
     double squared = median(misfit, n);
-    double scale = 2.5 * (sqrt(squared) > 1e-6 ? sqrt(squared) : 1e-6);
+    *misfit_scale = sqrt(squared) > 1e-6 ? sqrt(squared) : 1e-6;
+    double scale = 2.5 * *misfit_scale;
     float inverse = (float)(1.0 / (scale * scale));
     for (int64_t k = 0; k < n; k++)
         robust_variance[k] = p->variance[k] * (1.0f + robust_variance[k] * inverse);
@@ -563,33 +598,77 @@ int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, co
     Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, 0, scratch);
     Plane plane = plane_of(view, state);
     fill_designs(&p, &plane, INKS * BLOCK);
-    float *misfit = scratch + blocks_of(n) * INKS * BLOCK;
-    return !weigh(&p, state, INKS * BLOCK, misfit, drawn, robust_variance, prior_weight);
+    float *misfit = scratch + blocks_of(n) * INKS * BLOCK, inks[3 * INKS];
+    double scale;
+    return !weigh(&p, state, INKS * BLOCK, misfit, drawn, robust_variance, prior_weight, inks, &scale);
+}
+
+/* Weights of the colors in the cells of a mosaic, from residuals at a state whose jets are in scratch. */
+static void weigh_mosaic(const Problem *p, const double *state, const float *inks, double scale, const float *cells, const double *rules, float weights[3][PLACES])
+{
+    Plane plane = plane_of(p->view, state);
+    float inverse_white[3], bleed = (float)state[14], over = (float)(1.0 / scale);
+    MosaicEvidence evidence;
+    memset(&evidence, 0, sizeof evidence);
+    white_inverses(inks, inverse_white);
+    for (int64_t b = 0; b < blocks_of(p->n); b += 1 + blocks_of(p->n) / EVIDENT_BLOCKS) {
+        block x, y, light, root, value, drawn[3], blend[3], r[3], across[3], down[3];
+        Points points;
+        Jacobian J;
+        int count = in_block(p, b);
+        load_block(p->at + b * BLOCK, count, x);
+        load_block(p->at + p->n + b * BLOCK, count, y);
+        map_block(&plane, x, y, &points, &J, light);
+        load_root(p->variance + b * BLOCK, count, root);
+        const block(*jets)[INKS] = (const block(*)[INKS])(p->scratch + b * JETS);
+        draw_values(jets[0], inks, inverse_white, bleed, drawn, blend);
+        for (int c = 0; c < 3; c++) {
+            float w = inks[c], q = inks[3 + c], u = inks[6 + c], s = inks[9 + c];
+            load_block(p->values + c * p->n + b * BLOCK, count, value);
+            EACH {
+                float a = J.a[i], bb = J.b[i], cc = J.c[i], d = J.d[i], weight = root[i] * over;
+                float xx = jets[3][0][i] * w + jets[3][1][i] * q + jets[3][2][i] * u + jets[3][3][i] * s;
+                float xy = jets[4][0][i] * w + jets[4][1][i] * q + jets[4][2][i] * u + jets[4][3][i] * s;
+                float yy = jets[5][0][i] * w + jets[5][1][i] * q + jets[5][2][i] * u + jets[5][3][i] * s;
+                across[c][i] = (xx * a * a + xy * a * cc + yy * cc * cc) * weight;
+                down[c][i] = (xx * bb * bb + xy * bb * d + yy * d * d) * weight;
+                r[c][i] = (value[i] - drawn[c][i]) * weight;
+            }
+        }
+        add_mosaic_evidence(r, across, down, cells + b * BLOCK, count, rules, &evidence);
+    }
+    mosaic_weights(&evidence, rules, weights);
 }
 
 int lmkit_register(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
                    const float *variance, const double *rules, const double *limits, int64_t open_gaps,
                    int64_t quarter, int64_t fit_distortion, int64_t rounds, int64_t iterations, double to_px,
-                   float *scratch, double *state, float *robust_variance, double *prior_weight, double *normal,
+                   const float *cells, const double *mosaic, float *scratch, double *state, float *robust_variance, double *prior_weight, double *normal,
                    double *error)
 {
     Problem plain = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_distortion, scratch);
     double weighted_rules[5];
     memcpy(weighted_rules, rules, sizeof weighted_rules);
     memcpy(robust_variance, variance, (size_t)n * sizeof *variance);
-    float *misfit = scratch + blocks_of(n) * JETS;
+    float *misfit = scratch + blocks_of(n) * JETS, inks[3 * INKS];
+    double scale = 1.0;
     int drawn = 0;
     for (int64_t round = 0; round < (rounds > 0 ? rounds : 1); round++) {
         if (rounds > 0) {
             if (!drawn)
                 draw_jets(&plain, state);
             drawn = 1;
-            if (!weigh(&plain, state, JETS, misfit, NULL, robust_variance, weighted_rules + 4))
+            if (!weigh(&plain, state, JETS, misfit, NULL, robust_variance, weighted_rules + 4, inks, &scale))
                 return 1;
         }
         Problem weighted = plain;
         weighted.variance = robust_variance;
         weighted.rules = weighted_rules;
+        /* The first round has brought the drawing to its place. */
+        if (cells && round > 0) {
+            weighted.cells = cells;
+            weigh_mosaic(&plain, state, inks, scale, cells, mosaic, weighted.color_roots);
+        }
         if (!gauss_newton(&weighted, limits, iterations, to_px, state, normal, error, &drawn))
             return 1;
     }

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lmkit.kernels.grid_pattern import GridDrawing, jets_numpy
 from lmkit.kernels.load import addresses, contiguous, function
+from lmkit.kernels.mosaic import MosaicRules, mosaic_weights_numpy
 from lmkit.kernels.pattern import INKS, JET, Drawing
 from lmkit.kernels.plane import STATE, View, homography_numpy, light_numpy, plane_numpy, spread_in_plane
 
@@ -21,6 +22,7 @@ FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
 
 BLOCK = 64
+EVIDENT_BLOCKS = 10  # so few blocks of pixels, or fewer, tell the place of a mosaic's colors
 
 
 class Samples(NamedTuple):
@@ -48,6 +50,13 @@ class Samples(NamedTuple):
             raise ValueError("no pixels")
         n = len(variance)
         return cls(contiguous(at, (2, n), np.float32), contiguous(values, (3, n), np.float32), variance)
+
+
+class Mosaic(NamedTuple):
+    """(N,) cells of the pixels, and how values that a color mosaic lacks are weighed; see `mosaic.py`."""
+
+    cells: Float32Array
+    rules: MosaicRules
 
 
 class Hypothesis(NamedTuple):
@@ -153,22 +162,26 @@ def register(
     state: FloatArray,
     hypothesis: Hypothesis,
     steps: Steps,
+    mosaic: Mosaic | None = None,
 ) -> Registered:
     """State with a smaller error after some steps of Gauss-Newton; normal matrix and error are those before the last
     step where that is negligible.
 
     Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is down-weighted anew at
-    the beginning of every round.
+    the beginning of every round.  From the second round on, so are values that a mosaic lacks.
     """
     kernel = _register_kernel()
     if kernel is None:
-        return register_numpy(drawing, view, samples, priors, limits, state, hypothesis, steps)
+        return register_numpy(drawing, view, samples, priors, limits, state, hypothesis, steps, mosaic)
     state, n = contiguous(state, (STATE,)).copy(), len(samples.variance)
     variance, ends = np.empty(n, np.float32), np.array([0.0, np.inf])
     flat, seen, rules, bounds = drawing.flat, view.flat, np.array(priors), np.array((*limits, steps.negligible))
     arrays = addresses(flat, seen, *samples, rules, bounds)
     scratch, normal = _scratch(n), np.empty((STATE, STATE))
-    outs = addresses(scratch, state, variance, ends, normal, ends[1:])
+    cells, weighing = (
+        (None, None) if mosaic is None else (contiguous(mosaic.cells, (n,), np.float32), np.array(mosaic.rules))
+    )
+    outs = addresses(cells, weighing, scratch, state, variance, ends, normal, ends[1:])
     kernel(n, *arrays, *hypothesis, steps.fit_distortion, steps.rounds, steps.most, steps.to_px, *outs)
     return Registered(state, variance, float(ends[0]), normal, float(ends[1]))
 
@@ -204,20 +217,22 @@ def linearize_numpy(
     state: FloatArray,
     hypothesis: Hypothesis,
     fit_distortion: bool,
+    color_roots: FloatArray | None = None,
 ) -> Linearization:
-    """Definition of :func:`linearize`."""
+    """Definition of :func:`linearize`; (N,3) roots of further weights, where colors have weights of their own."""
     at, values = samples.at.T.astype(np.float64), samples.values.T.astype(np.float64)
     n = len(at)
     points, spread, A, radial = plane_numpy(view, state, at)
     light = light_numpy(view, state, points)[:, None]
     jets = jets_numpy(drawing, points, spread, *hypothesis, slopes=True).transpose(0, 2, 1) * light
     design = jets[0]
-    root = 1 / np.sqrt(samples.variance.astype(np.float64))
+    root = np.repeat(1 / np.sqrt(samples.variance.astype(np.float64))[:, None], 3, axis=1)
+    root = root if color_roots is None else root * color_roots
     inks = inks_numpy(design, values, root, state[14], priors.ridge)
     blends = blending_numpy(jets, inks)
     # (6,N,3) colors and their slopes in the plane.
     drawn = jets @ inks + state[14] * blends
-    residual = (values - drawn[0]) * root[:, None]
+    residual = (values - drawn[0]) * root
 
     # (N,3) d model / d pixel freed of the distortion.
     by_pixel = [drawn[1] * A[:, 0, x, None] + drawn[2] * A[:, 1, x, None] for x in (0, 1)]
@@ -232,13 +247,13 @@ def linearize_numpy(
         J[11] = -(by_pixel[0] * radial[:, :1] + by_pixel[1] * radial[:, 1:])
     J[12:14] = -(drawn[0] / light) * (points.T[:, :, None] / view.half_mm)
     J[14] = -blends[0]
-    J *= root[:, None]
+    J *= root
     flat = J.reshape(STATE, n * 3)
     # Variable projection (Kaufman 1975): take out what the inks could explain.
-    weighted = design * root[:, None]
-    gram = _with_ridge(weighted.T @ weighted, priors.ridge)
-    seen = np.linalg.solve(np.linalg.cholesky(gram), (weighted.T @ J).transpose(1, 0, 2).reshape(INKS, -1))
-    by_inks = seen.reshape(INKS, STATE, 3).transpose(1, 0, 2).reshape(STATE, -1)
+    weighted = design * root.T[:, :, None]  # (3,N,4)
+    gram = _with_ridge(weighted.transpose(0, 2, 1) @ weighted, priors.ridge)
+    seen = np.linalg.solve(np.linalg.cholesky(gram), weighted.transpose(0, 2, 1) @ J.transpose(2, 1, 0))
+    by_inks = seen.transpose(2, 0, 1).reshape(STATE, -1)
     normal = flat @ flat.T - by_inks @ by_inks.T
     gradient = flat @ residual.ravel()
     precision = priors.weight / np.array([priors.distortion, priors.shading, priors.shading, priors.bias]) ** 2
@@ -262,15 +277,19 @@ def register_numpy(
     state: FloatArray,
     hypothesis: Hypothesis,
     steps: Steps,
+    mosaic: Mosaic | None = None,
 ) -> Registered:
     """Definition of :func:`register`."""
-    weighted = samples
-    for _ in range(max(steps.rounds, 1)):
+    weighted, roots = samples, None
+    for k in range(max(steps.rounds, 1)):
         if steps.rounds > 0:
             weights = robust_weights_numpy(drawing, view, samples, priors, state, hypothesis)
             weighted = samples._replace(variance=weights.variance)
             priors = priors._replace(weight=weights.prior_weight)
-        state, normal, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, steps)
+        # The first round has brought the drawing to its place.
+        if mosaic is not None and k > 0:
+            roots = _color_roots(drawing, view, samples, priors, state, hypothesis, mosaic)
+        state, normal, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, steps, roots)
     return Registered(state, weighted.variance, priors.weight, normal, error)
 
 
@@ -283,8 +302,12 @@ def _gauss_newton(
     state: FloatArray,
     hypothesis: Hypothesis,
     steps: Steps,
+    color_roots: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    here = linearize_numpy(drawing, view, samples, priors, state, hypothesis, steps.fit_distortion)
+    def linearized(at: FloatArray) -> Linearization:
+        return linearize_numpy(drawing, view, samples, priors, at, hypothesis, steps.fit_distortion, color_roots)
+
+    here = linearized(state)
     damping = 1e-3
     for _ in range(steps.most):
         for times in range(4):
@@ -295,7 +318,7 @@ def _gauss_newton(
             if _is_sane(trial):
                 if times == 0 and -here.gradient @ step < steps.negligible * here.error:
                     return trial, here.normal, here.error
-                there = linearize_numpy(drawing, view, samples, priors, trial, hypothesis, steps.fit_distortion)
+                there = linearized(trial)
                 if there.error < here.error:
                     break
             damping *= 10
@@ -307,6 +330,36 @@ def _gauss_newton(
         if np.abs(step[:8]).max() < steps.to_px or gain < 1e-5:
             break
     return state, here.normal, here.error
+
+
+def _color_roots(
+    drawing: Drawing | GridDrawing,
+    view: View,
+    samples: Samples,
+    priors: Priors,
+    state: FloatArray,
+    hypothesis: Hypothesis,
+    mosaic: Mosaic,
+) -> FloatArray:
+    """(N,3) roots of the weights that blue, green and red have in the cells of a color mosaic."""
+    values, root = samples.values.T.astype(np.float64), 1 / np.sqrt(samples.variance.astype(np.float64))[:, None]
+    points, spread, A, _ = plane_numpy(view, state, samples.at.T.astype(np.float64))
+    light = light_numpy(view, state, points)[:, None]
+    jets = jets_numpy(drawing, points, spread, *hypothesis, slopes=True).transpose(0, 2, 1) * light
+    inks = inks_numpy(jets[0], values, np.repeat(root, 3, axis=1), state[14], priors.ridge)
+    drawn = jets @ inks
+    residuals = (values - drawn[0] - state[14] * blending_numpy(jets[:1], inks)[0]) * root
+    scale = max(float(np.sqrt(np.median(np.mean(residuals**2, axis=1)))), 1e-6)
+    # A slope with the point spread is half a second derivative.
+    across, down = (
+        np.einsum("knc,nk->nc", drawn[3:], spread_in_plane(A, *unit)) * root / scale
+        for unit in ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    )
+    blocks = np.arange(len(root)) // BLOCK
+    looked_at = blocks % (1 + -(-len(root) // BLOCK) // EVIDENT_BLOCKS) == 0
+    residuals, across, down = (array[looked_at] for array in (residuals / scale, across, down))
+    weights = mosaic_weights_numpy(residuals, across, down, mosaic.cells[looked_at], mosaic.rules)
+    return np.asarray(weights[:, mosaic.cells.astype(int)].T)
 
 
 def robust_weights_numpy(
@@ -322,7 +375,7 @@ def robust_weights_numpy(
     points, spread, _, _ = plane_numpy(view, state, samples.at.T.astype(np.float64))
     light = light_numpy(view, state, points)[:, None]
     design = jets_numpy(drawing, points, spread, *hypothesis, slopes=False)[0].T * light
-    inks = inks_numpy(design, values, 1 / np.sqrt(variance), state[14], priors.ridge)
+    inks = inks_numpy(design, values, np.repeat(1 / np.sqrt(variance)[:, None], 3, axis=1), state[14], priors.ridge)
     drawn = design @ inks + state[14] * blending_numpy(design[None], inks)[0]
     chi2 = np.mean((values - drawn) ** 2, axis=1) / variance
     median = float(np.median(chi2))
@@ -332,14 +385,15 @@ def robust_weights_numpy(
 
 
 def inks_numpy(design: FloatArray, values: FloatArray, root: FloatArray, bias: float, ridge: float) -> FloatArray:
-    """(4,3) the inks that explain values best, channels independent, pixels weighted by ``root`` squared."""
-    weighted = design * root[:, None]
-    gram = _with_ridge(weighted.T @ weighted, ridge)
-    inks = np.linalg.solve(gram, weighted.T @ (values * root[:, None]))
-    if bias == 0.0:
-        return np.asarray(inks)
-    unbiased = values - bias * blending_numpy(design[None], inks)[0]
-    return np.asarray(np.linalg.solve(gram, weighted.T @ (unbiased * root[:, None])))
+    """(4,3) the inks that explain values best, channels independent, weighted by (N,3) ``root`` squared."""
+    weighted = (design * root.T[:, :, None]).transpose(0, 2, 1)  # (3,4,N)
+    gram = _with_ridge(weighted @ weighted.transpose(0, 2, 1), ridge)
+
+    def best(wanted: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.solve(gram, weighted @ (wanted * root).T[:, :, None])[:, :, 0].T)
+
+    inks = best(values)
+    return inks if bias == 0.0 else best(values - bias * blending_numpy(design[None], inks)[0])
 
 
 def blending_numpy(jets: FloatArray, inks: FloatArray) -> FloatArray:
@@ -361,7 +415,8 @@ def blending_numpy(jets: FloatArray, inks: FloatArray) -> FloatArray:
 
 
 def _with_ridge(gram: FloatArray, ridge: float) -> FloatArray:
-    return np.asarray(gram + ridge * np.trace(gram) / INKS * np.eye(INKS))
+    trace = np.trace(gram, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(gram + ridge * trace / INKS * np.eye(INKS))
 
 
 def _moves(view: View, state: FloatArray, points: FloatArray) -> FloatArray:
@@ -429,7 +484,7 @@ def _linearize_kernel() -> Any:
 @lru_cache(maxsize=1)
 def _register_kernel() -> Any:
     numbers = [*[_COUNT] * 5, _NUMBER]
-    return function("lmkit_register", _COUNT, *[_POINTER] * 7, *numbers, *[_POINTER] * 6)
+    return function("lmkit_register", _COUNT, *[_POINTER] * 7, *numbers, *[_POINTER] * 8)
 
 
 @lru_cache(maxsize=1)
