@@ -25,7 +25,7 @@ from lmkit.model.families import MarkerFamily, family_named
 from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
-from lmkit.model.palette import srgb_to_linear
+from lmkit.model.palette import SRGB_TO_LINEAR
 
 SHEET_DPI = 110.0
 BOARD_M, TRIES = (0.45, 0.95), 2000  # how far boards are; poses tried for each that is kept
@@ -304,5 +304,4 @@ def _board_texture(board: BoardSpec) -> tuple[Float32Array, tuple[float, float]]
 
 
 def _linear(page: Page, dpi: float) -> Float32Array:
-    rgb = np.asarray(page_to_image(page, dpi), dtype=np.float64) / 255
-    return srgb_to_linear(rgb).astype(np.float32)
+    return np.asarray(SRGB_TO_LINEAR[np.asarray(page_to_image(page, dpi))])
