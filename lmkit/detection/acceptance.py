@@ -34,11 +34,12 @@ class Term:
 
 TURN_PER_CODE = 0.6  # a quarter turn changes more of the drawing than a code: its margin is so much easier to reach
 FOREIGN = 3.0  # what the best of many rectangles explains where nothing stands
-# An object is plain to see from so much on; the code then needs this share of it as its own evidence.
-PLAIN_OBJECT, SHARE_OF_OBJECT = 10.0, 0.15
 # A reading with log odds and a margin below these is compared with its rivals, which are fitted too (`rivals`).  It
 # is then no surer than this share of its margin over them.
 DOUBTFUL, CLEAR_MARGIN, SHARE_OF_RIVAL_MARGIN = 3.8, 80.0, 0.25
+# Where an object explains so much, a reading is compared with other codes behind it (`covering`).  It is then no
+# surer than this share of its margin over them.
+SEEN_OBJECT, SHARE_OF_COVERING_MARGIN = 6.0, 0.3
 BIAS = -1.76
 TERMS: MappingProxyType[str, Term] = MappingProxyType(
     {
@@ -85,6 +86,7 @@ class ScoredReading:
         blur_px: standard deviation of the point spread, geometric mean of its axes.
         is_shaded: read with a shadow taken out.
         rival_margin: log likelihood ratio against other codes that are fitted too; infinite where none was.
+        covering_margin: against other codes behind an object; infinite where none matters.
     """
 
     decoding: Decoding
@@ -92,6 +94,7 @@ class ScoredReading:
     blur_px: float
     is_shaded: bool
     rival_margin: float = math.inf
+    covering_margin: float = math.inf
 
     @cached_property
     def figures(self) -> dict[str, float]:
@@ -118,26 +121,29 @@ class ScoredReading:
             "shadow": float(self.is_shaded),
         }
 
-    @property
-    def is_covered(self) -> bool:
-        """An object is plain to see, and little that does not fit it speaks for the code: it may hide a gap."""
-        d = self.decoding
-        return d.foreign > PLAIN_OBJECT and d.evidence < SHARE_OF_OBJECT * d.foreign
-
     @cached_property
     def log_odds(self) -> float:
         """Score: log odds of being a landmark with the right code.
 
-        They are no more than those against the likeliest rival, and at most even where the code is covered.
+        They are no more than those against the likeliest rival, and against another code behind an object.
         """
         figures = self.figures
         score = BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
-        return min(score, self._margin, 0.0 if self.is_covered else math.inf)
+        return min(score, self._margin, self._behind_object)
 
     @property
     def is_doubtful(self) -> bool:
         """Another code may fit as well, once it is fitted too."""
         return self.log_odds < DOUBTFUL and self.decoding.margin < CLEAR_MARGIN
+
+    @property
+    def shows_object(self) -> bool:
+        """An object before the landmark explains some of its pixels, and may hide a gap."""
+        return self.decoding.foreign > SEEN_OBJECT
+
+    @property
+    def _behind_object(self) -> float:
+        return SHARE_OF_COVERING_MARGIN * self.covering_margin
 
     @property
     def _margin(self) -> float:
@@ -149,7 +155,7 @@ class ScoredReading:
             return None
         if self._margin < rule.least_log_odds:
             return "code"
-        if self.is_covered:
+        if self._behind_object < rule.least_log_odds:
             return "hidden"
         figures = self.figures
         # The term that takes the most from the score of a usual landmark.

@@ -11,6 +11,7 @@ import numpy as np
 from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.acceptance import AcceptanceRule, ScoredReading
 from lmkit.detection.config import DetectOptions
+from lmkit.detection.covering import covering_margin
 from lmkit.detection.decoding import Decoding, cautious, cautious_decoding_of, tables_of
 from lmkit.detection.fit_steps import COARSE_PIXELS, COARSE_SIDE_PX, START, FitSteps, compiled_fit
 from lmkit.detection.linear_image import LinearImage
@@ -175,10 +176,14 @@ def _candidate_of(image: LinearImage, found: Fitted, family: LandmarkFamily, opt
 def _against_rivals(
     reading: ScoredReading, image: LinearImage, family: LandmarkFamily, state: FloatArray, options: DetectOptions
 ) -> ScoredReading:
-    """A doubtful reading that would be accepted, with its margin over other codes that are fitted too."""
-    if reading.log_odds < options.rule.least_log_odds or not reading.is_doubtful:
-        return reading
-    return replace(reading, rival_margin=rival_margin(image, family, state, reading.decoding, options.config.pixels))
+    """A reading that would be accepted, with its margins: over other codes that are fitted too where it is doubtful,
+    and over codes behind an object where one is seen."""
+    least, pixels = options.rule.least_log_odds, options.config.pixels
+    if reading.log_odds >= least and reading.is_doubtful:
+        reading = replace(reading, rival_margin=rival_margin(image, family, state, reading.decoding, pixels))
+    if reading.log_odds >= least and reading.shows_object:
+        reading = replace(reading, covering_margin=covering_margin(image, family, state, reading.decoding, pixels))
+    return reading
 
 
 def _in_own_order(

@@ -4,6 +4,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "covering.h"
 #include "hypotheses.h"
 #include "kernels.h"
 #include "landmark_fit.h"
@@ -76,6 +77,13 @@ LMKIT_EXPORT int lmkit_fit_rivals(const Fit *fit, const double *view, int64_t tu
                                   int64_t most, double to_px, double hopeless, double by_error, int64_t capacity,
                                   float *planes, float *work, uint8_t *kinds, double *subsets, int32_t *masks, double *state,
                                   double *results, double *out);
+
+/* At a state (15): chi2 by which the reading of a turn and a code explains the pixels better than another code behind an
+ * object does, and than another code alone; 0 where these pixels are read otherwise.  reach and price: of `CoveringRules`.
+ * results: room for a decoding's head.  Returns 1 where nothing is there.  Definition: detection/covering.py, covering_of. */
+LMKIT_EXPORT int lmkit_fit_covering(const Fit *fit, const double *view, int64_t turn, int64_t code, double reach,
+                                    double price, int64_t capacity, float *planes, float *work, uint8_t *kinds,
+                                    double *subsets, const double *state, double *results, double *out);
 
 static double side_of(const double *c)
 {
@@ -423,5 +431,27 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
         if (out[2] < own)
             break;
     }
+    return 0;
+}
+
+int lmkit_fit_covering(const Fit *f, const double *view, int64_t turn, int64_t code, double reach, double price,
+                       int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets, const double *state,
+                       double *results, double *out)
+{
+    Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    if (!take(f, view, state, f->pixels, f->near_share, &p))
+        return 1;
+    weigh_channels(f, &p);
+    read_code(f, view, state, &p, p.variance, 0, results);
+    out[0] = out[1] = 0.0;
+    if (results[0] != (double)turn || results[1] != (double)code)
+        return 0;
+    const double *r = f->decoding;
+    const OcclusionRules hiding = {r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
+    const Plane plane = plane_of(view, state);
+    const int gaps = (int)f->gaps;
+    float *scratch = p.work + (p.n + BLOCK) * (9 + gaps);
+    const int32_t *masks = f->masks + turn * f->codes;
+    covering(p.n, gaps, p.at, p.values, p.variance, &plane, view[5], &hiding, reach, price, results + 6, (int)turn, (uint32_t)masks[code], masks, f->codes, p.work, scratch, (uint32_t *)p.subsets, out);
     return 0;
 }

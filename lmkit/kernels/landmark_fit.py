@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lmkit.kernels.covering import Covering, CoveringRules
 from lmkit.kernels.hypotheses import HEAD, TAIL, Decoded, DecodingRules, Words
 from lmkit.kernels.lens import Lens
 from lmkit.kernels.load import address, addresses, contiguous, function
@@ -301,6 +302,19 @@ class LandmarkFit:
         status = kernel(task, address(view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
         return None if status else Rivals(int(out[0]), float(out[1]), float(out[2]) if out[2] >= 0 else None)
 
+    def run_covering(
+        self, view: View, state: FloatArray, turn: int, code: int, rules: CoveringRules
+    ) -> Covering | None:
+        """The reading of a turn and a code, at a (15,) state, against others behind an object; None as above."""
+        kernel = _covering_kernel()
+        assert kernel is not None
+        results, out = np.empty(HEAD), np.empty(2)
+        rooms = [WORKSPACE.floats(*room) for room in self._room]
+        ends = addresses(np.array(state, dtype=np.float64), results, out)
+        task = ctypes.addressof(self._task)
+        status = kernel(task, address(view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
+        return None if status else Covering(float(out[0]), float(out[1]))
+
     def _fitted(self, state: FloatArray, out: FloatArray) -> Fitted:
         first = NORMAL + STATE * STATE
         second, end = first + self._decoding, first + 2 * self._decoding
@@ -350,3 +364,9 @@ def _all_kernel() -> Any:
 def _rivals_kernel() -> Any:
     p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
     return function("lmkit_fit_rivals", p, p, n, n, n, n, d, d, d, n, *[p] * 8)
+
+
+@lru_cache(maxsize=1)
+def _covering_kernel() -> Any:
+    p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+    return function("lmkit_fit_covering", p, p, n, n, d, d, n, *[p] * 7)

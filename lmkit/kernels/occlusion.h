@@ -68,9 +68,15 @@ static inline double least_evidence(int gaps, const double *evidence, uint32_t o
     return least;
 }
 
-/* out: the least evidence for the code, and what a foreign rectangle explains.  columns are the pattern's, inks (4,3)
- * and open those of the decoding, masks (codes) the open gaps of all codes in its turn; scratch has room for 3 n. */
-static inline void occlusion(int64_t n, int gaps, const float *at, const float *values, const float *variance, const Plane *plane, double half_mm, const OcclusionRules *rules, const double *inks, int turn, uint32_t open, const int32_t *masks, int64_t codes, const float *columns, float *scratch, double *out)
+/* What a decoding leaves of the pixels. */
+typedef struct {
+    float *squares, *along; /* (n) squared length, and product with the contrast */
+    float length;           /* squared, of the contrast: white less ground */
+    float scale, least;     /* usual variance: the expected one times the scale, and no less than this */
+} Residuals;
+
+/* columns are the pattern's, inks (4,3) and open those of the decoding; scratch has room for 3 n. */
+static inline Residuals residuals_of(int64_t n, int gaps, const float *values, const float *variance, const OcclusionRules *rules, const double *inks, int turn, uint32_t open, const float *columns, float *scratch)
 {
     const int C = 9 + gaps;
     float *squares = scratch, *along = scratch + n, *sorted = scratch + 2 * n, color[MAX_COLUMNS][3], contrast[3], length = 0.0f;
@@ -106,8 +112,18 @@ static inline void occlusion(int64_t n, int gaps, const float *at, const float *
         }
     }
     const double common = quantile(sorted, n, rules->usual_quantile);
-    const float scale = common > 1.0 ? (float)common : 1.0f, share = (float)rules->model_share;
-    const float least = share * share * length / 3.0f, limit = (float)rules->code_limit, most = (float)rules->foreign_limit;
+    const float share = (float)rules->model_share;
+    return (Residuals){squares, along, length, common > 1.0 ? (float)common : 1.0f, share * share * length / 3.0f};
+}
+
+/* out: the least evidence for the code, and what a foreign rectangle explains.  columns are the pattern's, inks (4,3)
+ * and open those of the decoding, masks (codes) the open gaps of all codes in its turn; scratch has room for 3 n. */
+static inline void occlusion(int64_t n, int gaps, const float *at, const float *values, const float *variance, const Plane *plane, double half_mm, const OcclusionRules *rules, const double *inks, int turn, uint32_t open, const int32_t *masks, int64_t codes, const float *columns, float *scratch, double *out)
+{
+    const int C = 9 + gaps;
+    const Residuals off = residuals_of(n, gaps, values, variance, rules, inks, turn, open, columns, scratch);
+    const float *squares = off.squares, *along = off.along, length = off.length, scale = off.scale, least = off.least;
+    const float limit = (float)rules->code_limit, most = (float)rules->foreign_limit;
     const double reach = rules->foreign_reach * half_mm;
     double evidence[MAX_GAPS] = {0}, cells[CELLS][CELLS][SUMS] = {{{0}}};
     for (int64_t start = 0; start < n; start += BLOCK) {

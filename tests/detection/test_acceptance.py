@@ -92,14 +92,11 @@ def test_no_reading_is_surer_than_its_code_against_rivals_that_are_fitted_too(re
     assert replace(reading, rival_margin=-9.0).log_odds < 0
 
 
-def test_an_object_that_is_plain_to_see_needs_evidence_that_it_hides_no_gap(reading):
-    """The margin of a patch that hides a gap is as large as that of a gap."""
-    seen = changed(reading, foreign=60.0, evidence=20.0)
-    assert seen.log_odds > 0
-    covered = changed(seen, evidence=5.0)
-    assert covered.log_odds <= 0
+def test_no_reading_is_surer_than_its_code_against_others_behind_an_object(reading):
+    assert replace(reading, covering_margin=60.0).log_odds == reading.log_odds
+    covered = replace(reading, covering_margin=1.0)
+    assert covered.log_odds < EAGER.least_log_odds
     assert covered.reason_to_reject(EAGER) == "hidden"
-    assert changed(reading, foreign=6.0, evidence=0.5).log_odds > 0
 
 
 def test_whatever_a_square_shows_its_score_is_finite(reading):

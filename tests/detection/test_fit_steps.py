@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,7 +11,9 @@ import pytest
 from simulated import CAMERA, shoot
 
 from lmkit.detection import register_and_decode
+from lmkit.detection.acceptance import AcceptanceRule
 from lmkit.detection.config import DetectOptions
+from lmkit.detection.covering import covering_margin
 from lmkit.detection.decoding import Decoding
 from lmkit.detection.detector import candidates_of
 from lmkit.detection.linear_image import LinearImage
@@ -71,6 +74,32 @@ def test_a_doubtful_code_is_compared_with_rivals_that_are_fitted_too(monkeypatch
     assert right == pytest.approx(right_defined, abs=1e-3)
     assert wrong == pytest.approx(wrong_defined, abs=1e-3)
     assert wrong < 0 < right < 60
+
+
+@needs_library
+@pytest.mark.parametrize(("family", "bar_ends_px", "code"), [("lm8", 17, 128), ("lm8", 24, 0), ("lm12", 17, 0)])
+def test_a_gap_that_an_object_makes_is_doubted(monkeypatch, family, bar_ends_px, code):
+    """A bar of the ground's color, from outside up to the outer ring or across it, where a closed gap of lm8 is."""
+    margins = []
+
+    def both(*arguments):
+        margins.append(covering_margin(*arguments))
+        with monkeypatch.context() as patch:
+            patch.setattr(landmark_fit, "is_compiled", lambda: False)
+            margins.append(covering_margin(*arguments))
+        return margins[0]
+
+    monkeypatch.setattr(register_and_decode, "covering_margin", both)
+    family = family_named(family)
+    image = shoot(0, 60.0, family=family, seed=3, at_m=(0.0, 0.0))[0]
+    y, x = np.array(image.shape[:2]) // 2
+    image[y - 40 : y - bar_ends_px, x - 7 : x + 7] = image[y - 24, x - 24]
+    options = DetectOptions((family,), rule=AcceptanceRule(-5.0))
+    found = max(candidates_of(image, options), key=lambda candidate: candidate.reading.decoding.margin)
+    assert found.decoding.code == code
+    assert found.reading.covering_margin in margins
+    assert margins[::2] == pytest.approx(margins[1::2], abs=1e-2)
+    assert (found.reading.covering_margin < 8) if code else all(map(math.isinf, margins))
 
 
 @pytest.mark.parametrize(("spread_px2", "is_margin_seen"), [(0.01, True), (1.0, False)])

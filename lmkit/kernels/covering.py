@@ -1,0 +1,96 @@
+"""Whether another code behind an object explains a landmark as well as the code that was read.
+
+An object before a landmark hides pixels whatever their color: an object of the ground's color over a ring is what a
+gap looks like.  It seldom ends there.  Both explanations are therefore compared with the object that suits them best:
+the code that was read with an object or none, and any other code with one.  An object is a rectangle of cells of a
+grid, turned in steps of 15 deg; its pixels have one color, or any at a price, and say nothing about gaps.
+The kernel is a part of `lmkit_fit_covering`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmkit.kernels.occlusion import CELLS, OcclusionRules
+
+FloatArray = NDArray[np.floating[Any]]
+
+GRIDS = 6
+
+
+class CoveringRules(NamedTuple):
+    """Figures of the search.
+
+    Attributes:
+        reach: half side of the grids, relative to that of the landmark.
+        price: of an object, chi2: few landmarks have one before them, and of many the best is taken.
+    """
+
+    reach: float
+    price: float
+
+
+class Covering(NamedTuple):
+    """Chi2 by which a code explains the pixels better than any other code behind an object, and than any alone."""
+
+    behind_object: float
+    alone: float
+
+
+def covering_numpy(
+    points: FloatArray,
+    values: FloatArray,
+    off: FloatArray,
+    usual: FloatArray,
+    coverage: FloatArray,
+    contrast: FloatArray,
+    is_open: FloatArray,
+    others: FloatArray,
+    half_mm: float,
+    occlusion: OcclusionRules,
+    rules: CoveringRules,
+) -> Covering:
+    """The code, with an object or none, against any other.
+
+    Args:
+        points: (N,2) mm.
+        values, off: (N,3) of the pixels, and what the code leaves of them; ``usual``: (N,) variance of that.
+        coverage: (N,G) of the gap positions; ``contrast``: (3,) white less ground.
+        is_open: (G,) 1 where the code has a gap, else 0; ``others``: (K,G) where other codes differ.
+        half_mm: half side of the landmark.
+    """
+    weight, limit = 1 / usual, occlusion.foreign_limit
+    unexplained = np.minimum(np.sum(off**2, axis=1) * weight, limit)
+    moved = off[:, None] - ((2 * is_open - 1) * coverage)[:, :, None] * contrast
+    evidence = np.minimum(np.sum(moved**2, axis=2) * weight[:, None], limit) - unexplained[:, None]
+    colors = weight[:, None] * values
+    energy = np.sum(colors * values, axis=1)
+    sums = np.column_stack([np.ones(len(points)), weight, colors, unexplained, energy, evidence])
+    total = evidence.sum(axis=0)
+    nothing, most = limit * len(points), 0.0
+    least = alone = float(np.min(others @ np.maximum(total, 0), initial=nothing))
+    for turn in range(GRIDS):
+        s = _rectangles(points, sums, np.pi / 2 / GRIDS * turn, rules.reach * half_mm)
+        s = s[s[:, 0] >= occlusion.foreign_pixels]
+        own = np.maximum(s[:, 6] - np.sum(s[:, 2:5] ** 2, axis=1) / s[:, 1], 0)
+        gain = s[:, 5] - np.minimum(own, occlusion.foreign_pixel * s[:, 0])
+        outside = np.min(others @ np.maximum(total - s[:, 7:], 0).T, axis=0, initial=nothing)
+        least = min(least, float(np.min(outside - gain + rules.price, initial=nothing)))
+        most = max(most, float(np.max(gain, initial=0)))
+    return Covering(least + max(most - rules.price, 0), alone)
+
+
+def _rectangles(points: FloatArray, sums: FloatArray, turn: float, reach: float) -> FloatArray:
+    """(R,S) sums over all rectangles of cells of a grid."""
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    cells = np.floor((points @ rotation / reach + 1) * (CELLS / 2))
+    column, row = np.clip(cells, 0, CELLS - 1).astype(int).T
+    above = np.zeros((CELLS + 1, CELLS + 1, sums.shape[1]))
+    np.add.at(above, (row + 1, column + 1), sums)
+    above = above.cumsum(axis=0).cumsum(axis=1)
+    first, end = np.triu_indices(CELLS + 1, 1)
+    strips = above[end] - above[first]
+    return np.asarray((strips[:, end] - strips[:, first]).reshape(-1, sums.shape[1]))
