@@ -103,7 +103,7 @@ def fleet_report(store: Store, state: FleetState) -> str:
     parts += ["<h2>Robots</h2>", _robots(state), "<h2>Days</h2>", _days(state)]
     parts += ["<h2>Landmarks</h2>", _landmarks(state.readings)] if state.readings else []
     parts += ["<h2>Recordings</h2>", _recordings(detected, tracked)]
-    return html.page("lmkit fleet", parts)
+    return html.page("Fleet report", parts)
 
 
 def _map_figure(store: Store, site: str, facts: Mapping[str, Any]) -> tuple[str, str]:
@@ -130,7 +130,7 @@ def _robots(state: FleetState) -> str:
         delay = f"{float(np.median(delays)):z.2f}" if delays else "-"
         failed = sum(not o.ok for _, o in mine)
         rows.append((name or "-", str(len(mine)), str(failed), str(frames), share, true, delay))
-    head = ("robot", "recordings", "failed", "frames tracked", "located", "rig true", "odometry delay s")
+    head = ("robot", "recordings", "failed", "frames tracked", "located", "rig valid", "odometry delay s")
     return html.table(head, rows)
 
 
@@ -144,7 +144,14 @@ def _days(state: FleetState) -> str:
     for day, sources in sorted(days.items()):
         ran = [tracks[source] for source in sources if source in tracks]
         frames, ok = sum(f["frames"] for f in ran), sum(f["ok"] for f in ran)
-        rows.append((day, str(len(sources)), str(frames), f"{100 * ok / frames:.1f} %" if frames else "-"))
+        rows.append(
+            (
+                day.replace("-", "\u2011"),
+                str(len(sources)),
+                str(frames),
+                f"{100 * ok / frames:.1f} %" if frames else "-",
+            )
+        )
     return html.table(("day", "recordings", "frames tracked", "located"), rows)
 
 
@@ -164,11 +171,11 @@ def _landmarks(sites: Mapping[str, SiteReadings]) -> str:
     ]
     more = f"<p class='note'>The first {MOST_LANDMARKS} of {len(rows)}.</p>" if len(rows) > MOST_LANDMARKS else ""
     note = (
-        "<p class='note'>Images that should show a landmark by the pose of the robot, and the share in which it was "
-        "read. The surest fall of either number over time, with its standard deviation: of the share in percentage "
-        "points, of the margin relative to like views before.</p>"
+        "<p class='note'>Expected: images in which the landmark should be visible from the robot's pose. Read: the "
+        "share of them in which it was read. Changes: the most significant drops over time with their standard "
+        "deviations, of the share in percentage points, of the decoding margin relative to similar views before.</p>"
     )
-    head = ("landmark", "should show", "read", "share changed by", "margin changed by")
+    head = ("landmark", "expected", "read", "change of share", "change of margin")
     return note + html.table(head, cells) + more
 
 

@@ -92,7 +92,7 @@ def calibration_summary(result: StereoCalibration) -> tuple[str, str, str]:
 def _figures(result: StereoCalibration) -> str:
     held = result.held_out
     rows = [
-        ("Held-out epipolar error, mean", "unknown" if held is None else f"{held.mean_epipolar_px:.3f} px"),
+        ("Held-out epipolar (row) error, mean", "unknown" if held is None else f"{held.mean_epipolar_px:.3f} px"),
         ("Held-out reprojection error, mean", "unknown" if held is None else f"{held.mean_reprojection_px:.3f} px"),
         ("Reprojection error (RMS), both cameras", f"{result.rms_px:.3f} px"),
         ("Reprojection error (RMS), left", f"{result.rms_left_px:.3f} px"),

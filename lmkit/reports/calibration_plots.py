@@ -17,7 +17,7 @@ LEFT, RIGHT = "#2f6fde", "#e8833a"
 ENLARGED = 100  # residual arrows
 ARROWS = (
     f"Residuals, drawn {ENLARGED} times longer. If neighboring arrows point the same way, the lens model does not "
-    "fit there: try another one (--model)."
+    "fit there: try another one (<code>--model</code>)."
 )
 UNCERTAINTY = (
     "<p class='note'>By how many pixels a projected point may be off (standard deviation), because the intrinsics "

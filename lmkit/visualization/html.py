@@ -19,7 +19,7 @@ p.note { margin: .3rem 0; opacity: .8; max-width: 46rem; }
 td, th { padding: .25rem .9rem .25rem 0; text-align: left; } th { vertical-align: bottom; }
 tr { border-bottom: 1px solid var(--line); }
 .n { text-align: right; font-variant-numeric: tabular-nums; } td.n { white-space: nowrap; }
-figure { margin: .6rem 0; } figcaption { font-size: .9rem; opacity: .8; }
+code { white-space: nowrap; } figure { margin: .6rem 0; } figcaption { font-size: .9rem; opacity: .8; }
 img, svg { max-width: 100%; height: auto; display: block; } .narrow { display: none; }
 .grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(18.5rem, 100%), 1fr)); gap: .2rem 1.4rem; }
 .grid.two { grid-template-columns: repeat(auto-fill, minmax(min(24rem, 100%), 1fr)); }
