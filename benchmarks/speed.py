@@ -1,17 +1,21 @@
 """Times of whole tasks on one thread, beside the figures before compiled kernels.
 
-    uv run python benchmarks/speed.py [ROW ...]
+    uv run python benchmarks/speed.py [ROW ...] [--where]
 
 Each row is run `n` times in this process; whole commands run in processes of their own, by the processor time of the
 process, but for `lmkit demo`, which keeps all cores busy and is timed by the clock on the wall.
 The table gives the median and the spread from the 10th to the 90th percentile.  `before` was measured before the
 kernels came, on the same kind of machine; `LMKIT_KERNELS=numpy` shows what the numpy definitions alone take.
+`--where` runs each row once more under a profiler and lists the functions with most time of their own.  Detection
+beside ArUco is in `detection_speed.py`, its cost against what is in the image in `detection_cost.py`.
 """
 
 from __future__ import annotations
 
 import argparse
+import cProfile
 import os
+import pstats
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -51,6 +55,8 @@ from lmkit.tracking.spatial_stereo_filter import PoseFilter
 HERE = Path(__file__).resolve().parent
 RIG = replace(make_rig(), T_base_left=T_BASE_LEFT)
 NOISE_PX = 0.15
+PROFILERS: list[cProfile.Profile] = []  # of the row that is profiled
+LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,10 @@ class Row:
 def timed(work: Callable[[], object], clock: Callable[[], float] = time.process_time) -> float:
     """Seconds of this process's own time, so that a busy machine does not matter, or by another clock."""
     start = clock()
-    work()
+    if PROFILERS:
+        PROFILERS[-1].runcall(work)
+    else:
+        work()
     return clock() - start
 
 
@@ -205,13 +214,26 @@ ROWS = {
     "detect-command": Row("`lmkit detect one.png`, whole process", "", detect_command),
     "locate-command": Row("`lmkit locate`, whole process", "", locate_command),
 }
+COMMANDS = ("generate", "demo", "detect-command", "locate-command")  # processes of their own
 
 
 def answer(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds >= 1 else f"{1000 * seconds:.2f} ms"
 
 
-def main(names: list[str]) -> None:
+def print_where(row: Row) -> None:
+    """The functions with the largest share of a row's time; a kernel's time is its wrapper's."""
+    PROFILERS.append(cProfile.Profile())
+    list(row.run())
+    found = pstats.Stats(PROFILERS.pop()).get_stats_profile()
+    ranked = sorted(found.func_profiles.items(), key=lambda entry: -entry[1].tottime)
+    print(f"\n{row.name}")
+    for name, entry in ranked[:LISTED]:
+        place = f" {Path(entry.file_name).stem}.py:{entry.line_number}" if entry.line_number else ""
+        print(f"  {100 * entry.tottime / max(found.total_tt, 1e-9):4.1f} %  {name}{place}, {entry.ncalls} calls")
+
+
+def main(names: list[str], where: bool) -> None:
     cv2.setNumThreads(1)
     print(f"{describe()}\n")
     print("| task | before | now (median) | 10th to 90th percentile | n |\n|---|---|---|---|---|")
@@ -221,12 +243,17 @@ def main(names: list[str]) -> None:
         low, high = np.percentile(runs, [10, 90])
         now, spread = answer(float(np.median(runs))), f"{answer(low)} to {answer(high)}"
         print(f"| {row.name} | {row.before} | {now} | {spread} | {len(runs)} |", flush=True)
+    for name in names or list(ROWS):
+        if where and name not in COMMANDS:
+            print_where(ROWS[name])
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Times of whole tasks on one thread.")
     parser.add_argument("rows", nargs="*", metavar="ROW", help=f"all, or some of: {', '.join(ROWS)}")
-    rows = parser.parse_args().rows
+    parser.add_argument("--where", action="store_true", help="list the functions that take most of a row's time")
+    arguments = parser.parse_args()
+    rows = arguments.rows
     if unknown := [name for name in rows if name not in ROWS]:
         parser.error(f"no row {unknown[0]!r}; the rows are {', '.join(ROWS)}")
-    main(rows)
+    main(rows, arguments.where)
