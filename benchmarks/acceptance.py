@@ -1,7 +1,7 @@
 """Shares of landmarks read and of wrong codes, and the reliability of the confidence, at every strictness.
 
     uv run --extra benchmark python benchmarks/acceptance.py ../shared/data/photos [--images 600] [--plots FOLDER]
-        [--family lm12 --hidden 0.6] [--many | --moving] [--limits 2.5 3.5 4]
+        [--family lm12 --hidden 0.6] [--many | --moving] [--seed 90100] [--limits 2.5 3.5 4]
 
 Cameras, seeds and photographs (`acceptance_sets.py`) that served neither the weights nor the limits
 (`train_acceptance.py`); the photographs as they are and enlarged for false positives, and those that scikit-image
@@ -150,6 +150,7 @@ def main() -> None:
     parser.add_argument(
         "--limits", type=float, nargs="*", default=[], help="least log odds, beside the three usual ones"
     )
+    parser.add_argument("--seed", type=int, help="other images than those of the set")
     parser.add_argument("--plots", type=Path)
     options = parser.parse_args()
     shipped = [path for name in SHIPPED if (path := Path(skimage.data_dir) / name).exists()]
@@ -159,6 +160,8 @@ def main() -> None:
             family=options.family,
             hidden=options.hidden,
         )
+        if options.seed is not None:
+            images = replace(images, seed=options.seed)
         work = partial(simulated, images, options.photos, options.keep)
         results = list(pool.map(work, range(options.images), chunksize=4))
         photographs = [*REPORT.photographs(options.photos), *shipped]

@@ -438,7 +438,7 @@ int lmkit_fit_covering(const Fit *f, const double *view, int64_t turn, int64_t c
                        int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets, const double *state,
                        double *results, double *out)
 {
-    Pixels p = {planes, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    Pixels p = {planes, NULL, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
     if (!take(f, view, state, f->pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
