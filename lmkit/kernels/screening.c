@@ -8,6 +8,7 @@
 #include "lanes.h"
 #include "plane.h"
 
+#define LOOK 15 /* doubles of a look at a square */
 #define GATE 30    /* points of the gate: ten on the margin, ten on the border, ten on the ground */
 #define MAX_GRID 1024
 #define MAX_SIDE 32
@@ -58,7 +59,7 @@ LMKIT_EXPORT int lmkit_screen(const Task *task, const int64_t *levels, int64_t l
                               double *pattern);
 
 /* Of `count` squares those that look like landmarks, moved to where they fit, into likely (count,8).  shares: of the
- * pattern before and after the moves.  room: 13 doubles for every square. */
+ * pattern before and after the moves.  room: 13 doubles for every square, and for its look. */
 LMKIT_EXPORT int lmkit_likely_squares(const Task *task, const int64_t *levels, int64_t level_count,
                                       const float *linear, int64_t count, double *quads, const double *shares,
                                       int64_t rounds, int64_t window, double *subsets, double *room, double *pattern,
@@ -205,6 +206,8 @@ typedef struct {
     const Design *design;
 } Look;
 
+_Static_assert(sizeof(Look) <= LOOK * sizeof(double), "room for looks");
+
 /* sums[c] += column . samples of channel c, over K points. */
 static inline void add_products(lanes *sums, const float *column, const float *samples, int64_t K)
 {
@@ -341,15 +344,17 @@ static int align(const Screen *s, const Look *l, const float *samples, const dou
     return well_shaped(quad);
 }
 
-static double screen_one(const Screen *s, double *quad, int64_t rounds)
+/* The square moved `rounds` times, and its pattern.  seen: the look at it as it was found, taken over where it has a
+ * design; else it is written. */
+static double screen_one(const Screen *s, double *quad, int64_t rounds, Look *seen)
 {
     const double *first = s->rules + 11, *moved = s->rules + 16;
     float samples[3 * MAX_GRID];
     memset(samples, 0, sizeof samples);
     if (!well_shaped(quad))
         return -1.0;
-    int still = 0;
-    for (int64_t round = 0;; round++) {
+    int still = 0, is_seen = seen->design != NULL;
+    for (int64_t round = 0;; round++, is_seen = 0) {
         double side = sqrt(quad_area(quad)), H[9];
         int64_t level = 0;
         while (level + 1 < s->level_count && side / (double)((int64_t)1 << level) > s->rules[1])
@@ -357,7 +362,7 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
         homography(quad, s->half, H);
         const Level *at = s->levels + level;
         const int64_t scale = (int64_t)1 << level;
-        int passed = round == 0 ? passes_gate(s, at, scale, H) : 1;
+        int passed = round == 0 && !is_seen ? passes_gate(s, at, scale, H) : 1;
         if (passed <= 0)
             return (double)passed;
         double blur = s->rules[2] * 2.0 * s->half / (side / (double)scale), nearest = 1e30;
@@ -372,10 +377,12 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds)
         sample_grid(s, at, scale, H, s->grid, s->points, s->side * s->side, samples, s->points);
         if (s->window > 0)
             take_shadow_out(s, samples);
-        Look l;
+        Look l = *seen;
         int last = round == rounds || still;
-        if (!look(s, design, samples, rounds > 0 && last ? moved : first, &l))
+        if (!is_seen && !look(s, design, samples, rounds > 0 && last ? moved : first, &l))
             return 0.0;
+        if (round == 0)
+            *seen = l;
         if (last)
             return l.pattern;
         if (round == 0 && l.pattern < s->rules[8])
@@ -439,7 +446,8 @@ static void screen_all(const Screen *s, int64_t count, double *quads, int64_t ro
 {
     for (int64_t i = 0; i < count; i++) {
         int64_t twin = rounds == 0 ? find_twin(quads, i) : -1;
-        pattern[i] = twin >= 0 ? -1.0 : screen_one(s, quads + 8 * i, rounds);
+        Look seen = {.design = NULL};
+        pattern[i] = twin >= 0 ? -1.0 : screen_one(s, quads + 8 * i, rounds, &seen);
     }
 }
 
@@ -454,7 +462,7 @@ int lmkit_screen(const Task *task, const int64_t *levels, int64_t level_count, c
 }
 
 /* Squares whose pattern is at least `share`, in falling order, at most `most` of one place and size; their quads into
- * `kept`.  room: 4 doubles for every square. */
+ * `kept`, their places in the list at the beginning of `room`: 4 doubles for every square. */
 static int64_t best_first(int64_t count, const double *quads, const double *pattern, double share, int64_t most, double *room, double *kept)
 {
     double *order = room, *places = room + count;
@@ -480,6 +488,7 @@ static int64_t best_first(int64_t count, const double *quads, const double *patt
         if (same >= most)
             continue;
         places[3 * chosen] = x, places[3 * chosen + 1] = y, places[3 * chosen + 2] = side;
+        order[chosen] = order[k];
         memcpy(kept + 8 * chosen++, q, 8 * sizeof *q);
     }
     return chosen;
@@ -493,9 +502,15 @@ int lmkit_likely_squares(const Task *task, const int64_t *levels, int64_t level_
     if (!begin(task, levels, level_count, linear, window, subsets, &s))
         return 1;
     double *moved = room + 4 * count, *moved_pattern = room + 12 * count;
-    screen_all(&s, count, quads, 0, pattern);
+    Look *looks = (Look *)(room + 13 * count);
+    for (int64_t i = 0; i < count; i++) {
+        looks[i].design = NULL;
+        pattern[i] = find_twin(quads, i) >= 0 ? -1.0 : screen_one(&s, quads + 8 * i, 0, looks + i);
+    }
     const int64_t some = best_first(count, quads, pattern, shares[0], 2, room, moved);
-    screen_all(&s, some, moved, rounds, moved_pattern);
+    /* Moves begin with the look that is taken already. */
+    for (int64_t i = 0; i < some; i++)
+        moved_pattern[i] = screen_one(&s, moved + 8 * i, rounds, looks + (int64_t)room[i]);
     *found = best_first(some, moved, moved_pattern, shares[1], 1, room, likely);
     return 0;
 }

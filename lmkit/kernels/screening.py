@@ -28,6 +28,7 @@ SAME = 0.05  # of the side: two squares are one
 # Shares nearer than this are the same: squares of one landmark are moved to one place, and their shares then differ
 # by the rounding of sums.
 SAME_SHARE = 1 / 256
+LOOK = 15  # 64-bit numbers of what is seen of a square
 GATE = 30  # points of the gate: a third each on margin, border and ground
 
 
@@ -221,7 +222,7 @@ class Screening:
             return likely_numpy(pyramid, self.tables, self.rules, quads, shares, rounds, window)
         count = len(quads)
         pattern, likely, found = np.empty(count), np.empty((count, 4, 2)), np.zeros(1, np.int64)
-        room = _WORKSPACE.floats("room", 26 * count)
+        room = _WORKSPACE.floats("room", 2 * (13 + LOOK) * count)
         image, least = self._image(pyramid), np.array(shares)
         given = (count, address(quads), address(least), rounds, window, self._subsets(), room)
         kernel(*image, *given, *addresses(pattern, likely, found))
