@@ -394,11 +394,10 @@ def _face_sums(add: Callable[..., None]) -> Callable[..., Any]:
 def _outward_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     yield from _bundle_calls(rng)
     bundle = bundle_in_view(rng, 5, 3, 20, 1.0)
-    # Faces without width, without height, at one point, to the last bit; a lens that maps all to a line.
-    rays, by_ray = np.round(64 * bundle.rays) / 64, bundle.by_ray.copy()
-    rays[0, 1:3], rays[1, 2:], rays[2] = rays[0, [0, 3]], rays[1, [1, 0]], 0.0
-    by_ray[:3], by_ray[3] = 400 * np.eye(2), 1.0
-    yield (replace(bundle, rays=rays, by_ray=by_ray),)
+    # A face that is a point, to the last bit; a lens that maps all to a line.
+    rays, by_ray, arms, point = bundle.rays.copy(), bundle.by_ray.copy(), bundle.arms.copy(), bundle.of == 0
+    rays[point], by_ray[point], by_ray[~point], arms[0] = 0.0, 400 * np.eye(2), 1.0, 0.0
+    yield (replace(bundle, rays=rays, by_ray=by_ray, arms=arms),)
 
 
 def _subtracted(subtract: Callable[..., None]) -> Callable[..., Any]:

@@ -228,7 +228,12 @@ def add_bundle_equations_numpy(
 
 def whitened_errors(bundle: Bundle) -> Array:
     """(S,8) errors of the observed corners in standard deviations."""
-    return _whitened(bundle, _ray_errors(bundle)[0])
+    return _whitened(bundle, errors_of_rays(bundle))
+
+
+def errors_of_rays(bundle: Bundle) -> Array:
+    """(S,8) observed rays less expected ones; the same large number everywhere for what lies behind a camera."""
+    return _ray_errors(bundle)[0]
 
 
 def _whitened(bundle: Bundle, errors: Array) -> Array:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from lmkit.geometry.pose_array import PoseArray
+from lmkit.kernels.face_swelling import FaceSums, add_face_equations
+from lmkit.kernels.landmark_bundle import errors_of_rays
 from lmkit.mapping import bundle_adjustment
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.survey import solve_recording
@@ -77,6 +79,20 @@ def test_what_they_pull_at_is_how_the_gradient_changes_with_them(drive, monkeypa
             assert pulled[others] == pytest.approx(whole, abs=1e-5 * np.abs(whole).max())
             whole = border[:, :, k]
             assert (before.gradient - after.gradient) / step == pytest.approx(whole, abs=1e-5 * np.abs(whole).max())
+
+
+def test_errors_of_corners_alone_pull_no_face_outward(drive):
+    """Twenty times the stated errors; a way along the face that turns with them would pull by 17 deviations."""
+    problem, rng, pulls = problem_of(drive, drive.frames), np.random.default_rng(7), []
+    bundle = problem._correspondences()
+    expected = bundle.rays - errors_of_rays(bundle).reshape(-1, 4, 2)
+    count = len(bundle.at)
+    for _ in range(200):
+        off = np.linalg.solve(bundle.whitener, 20 * rng.normal(size=(count, 8, 1))).reshape(-1, 4, 2)
+        sums = FaceSums.zeros(np.arange(count), None, count, len(problem.mapped), 0)
+        add_face_equations(replace(bundle, rays=expected + off), np.ones(count), sums)
+        pulls.append(sums.gradient.sum(axis=0) / (20 * np.sqrt(np.diag(sums.corner.sum(axis=0)))))
+    assert np.abs(np.sum(pulls, axis=0) / np.sqrt(len(pulls))).max() < 3.5
 
 
 def test_swelling_is_found_and_the_map_is_the_better_for_it_and_says_how_good(drive, frames):
