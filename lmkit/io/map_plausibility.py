@@ -6,7 +6,6 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError, InputWarning
@@ -53,7 +52,8 @@ def _require_in_sight(path: Path, places: FloatArray, sizes_m: FloatArray, heigh
     """Refuse a map whose landmarks are all farther from the next one than can be seen, some far above the floor."""
     if len(places) < 2 or height_m < HARDLY_HIGH_M:
         return
-    nearest = cKDTree(places).query(places, k=2)[0][:, 1]
+    # To import scipy takes longer than this.
+    nearest = np.array([np.partition(np.linalg.norm(places - place, axis=1), 1)[1] for place in places])
     if (nearest > FARTHEST_SIZES * sizes_m).all():
         raise InputError(
             "implausible_map",

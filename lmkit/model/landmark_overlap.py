@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import combinations
 
 import numpy as np
 
@@ -16,11 +15,15 @@ ALIKE = 0.5  # of two sizes: a marker that is smaller than that can be part of t
 def overlaps(landmarks: Iterable[MappedLandmark]) -> list[tuple[MappedLandmark, MappedLandmark, float]]:
     """Pairs of landmarks that face the same way and overlap, in the order of ids, and how far apart (m)."""
     pairs = []
-    for a, b in combinations(sorted(landmarks, key=lambda m: m.id), 2):
-        apart = float(np.linalg.norm(a.T_map_landmark.t - b.T_map_landmark.t))
-        same_way = a.T_map_landmark.R[:, 2] @ b.T_map_landmark.R[:, 2] > 0
-        smaller, larger = sorted((a.size_m, b.size_m))
-        near = apart < OVERLAP * (a.size_m + b.size_m) / 2
-        if a.id != b.id and same_way and near and smaller > ALIKE * larger:
-            pairs.append((a, b, apart))
+    mapped = sorted(landmarks, key=lambda m: m.id)
+    places, sizes = np.array([m.T_map_landmark.t for m in mapped]), np.array([m.size_m for m in mapped])
+    for k, a in enumerate(mapped):
+        later = slice(k + 1, None)
+        apart = np.linalg.norm(places[later] - a.T_map_landmark.t, axis=1)
+        for other in np.flatnonzero(apart < OVERLAP * (sizes[later] + a.size_m) / 2).tolist():
+            b = mapped[k + 1 + other]
+            same_way = a.T_map_landmark.R[:, 2] @ b.T_map_landmark.R[:, 2] > 0
+            smaller, larger = sorted((a.size_m, b.size_m))
+            if a.id != b.id and same_way and smaller > ALIKE * larger:
+                pairs.append((a, b, float(apart[other])))
     return pairs

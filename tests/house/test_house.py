@@ -37,6 +37,12 @@ def test_help_loads_nothing_heavy(arguments):
     assert ended.returncode == 0, ended.stderr
 
 
+def test_reading_a_map_loads_no_scipy():
+    """Its import takes longer than `lmkit locate` does without it."""
+    code = "import sys\nimport lmkit.io.external_maps\nsys.exit('scipy' in sys.modules)\n"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 def test_the_list_of_commands_loads_no_typer():
     code = (
         "import sys\nfrom lmkit.cli import main\n"
