@@ -105,7 +105,7 @@ def outward_numpy(bundle: Bundle) -> Array:
 
 
 def _outward(bundle: Bundle, errors: Array) -> Array:
-    """As `outward`, by the errors (S,8) of the observed rays."""
+    """`outward`, by the errors (S,8) of the observed rays."""
     expected = bundle.rays - errors.reshape(-1, 4, 2)
     a, b, c, d = (bundle.by_ray[..., i, j] for i in (0, 1) for j in (0, 1))
     x, y = expected[..., 0], expected[..., 1]
