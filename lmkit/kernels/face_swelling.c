@@ -20,13 +20,9 @@ LMKIT_EXPORT int lmkit_face_equations(const Bundle *bundle, const double *weight
 /* Ways along which corners stand too far out: they start at the top left and run with the clock. */
 static const double SIGNS[SWELLING][4] = {{-1, 1, 1, -1}, {-1, -1, 1, 1}};
 
-/* How the rays of an observation's corners change, in rows of `wide` numbers, if they stand 1 px farther out.
- * `errors` are of the observed rays.  The way along the face is that of the expected corners: that of the observed ones
- * turns with their errors, which then pull outward even where no face is swollen. */
-static void outward_of(const Bundle *b, int64_t s, const double *errors, double *shifts, int wide) {
-    const double *B = b->by_ray + 16 * s;
-    double rays[8];
-    for (int i = 0; i < 8; i++) rays[i] = b->rays[8 * s + i] - errors[WIDE * i + 6];
+/* How the rays of an observation's corners change, in rows of `wide` numbers, if they stand 1 px farther out on the way
+ * between `rays`. */
+static void outward_of(const double *rays, const double *B, double *shifts, int wide) {
     for (int k = 0; k < SWELLING; k++) {
         double way[2] = {0, 0};
         for (int c = 0; c < 4; c++)
@@ -45,11 +41,8 @@ static void outward_of(const Bundle *b, int64_t s, const double *errors, double 
 }
 
 int lmkit_outward(const Bundle *b, double *shifts) {
-    for (int64_t s = 0; s < b->count; s++) {
-        double block[64], M[9];
-        errors_of(b, s, 0, block, M);
-        outward_of(b, s, block, shifts + 8 * SWELLING * s, SWELLING);
-    }
+    for (int64_t s = 0; s < b->count; s++)
+        outward_of(b->rays + 8 * s, b->by_ray + 16 * s, shifts + 8 * SWELLING * s, SWELLING);
     return 0;
 }
 
@@ -64,10 +57,12 @@ int lmkit_face_equations(const Bundle *b, const double *weights, const Faces *fa
         /* Those that do not count may be beyond all measure. */
         if (!(weights[s] > 0)) continue;
         const int64_t pose = b->at[s], landmark = b->of[s], camera = faces->camera ? faces->camera[s] : 0;
-        double raw[64], block[64], M[9], shifts[64] = {0}, G[64], whole[64] = {0}, pulls[64] = {0}, X[64] = {0};
+        double raw[64], block[64], M[9], expected[8], shifts[64] = {0}, G[64], whole[64] = {0}, pulls[64] = {0}, X[64] = {0};
         errors_of(b, s, 1, raw, M);
         times8(b->whitener + 64 * s, raw, block);
-        outward_of(b, s, raw, shifts, WIDE);
+        /* The way between observed corners turns with their errors, which would pull outward with no swelling at all. */
+        for (int i = 0; i < 8; i++) expected[i] = b->rays[8 * s + i] - raw[WIDE * i + 6];
+        outward_of(expected, b->by_ray + 16 * s, shifts, WIDE);
         times8(b->whitener + 64 * s, shifts, G);
         for (int i = 0; i < 64; i++) {
             shifts[i] = G[i];

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.landmark_bundle import Array, Bundle, BundleStruct, derivatives, errors_of_rays
+from lmkit.kernels.landmark_bundle import Array, Bundle, BundleStruct, derivatives
 from lmkit.kernels.load import address, addresses, contiguous, function
 
 SIZE = 2  # unknowns: px along the width and along the height
@@ -86,11 +86,7 @@ class FaceSums:
 
 
 def outward(bundle: Bundle) -> Array:
-    """(S,8,2) how the rays of corners change if they stand 1 px farther out along the face's width and height.
-
-    Width and height run as the expected corners have them.  The way between observed corners turns with their errors,
-    which then pull outward even where no face is swollen.
-    """
+    """(S,8,2) how the rays of corners change if they stand 1 px farther out along the face's width and height."""
     kernels = _kernels()
     if kernels is None:
         return outward_numpy(bundle)
@@ -101,14 +97,13 @@ def outward(bundle: Bundle) -> Array:
 
 def outward_numpy(bundle: Bundle) -> Array:
     """Definition of :func:`outward`."""
-    return _outward(bundle, errors_of_rays(bundle))
+    return _outward(bundle.rays, bundle.by_ray)
 
 
-def _outward(bundle: Bundle, errors: Array) -> Array:
-    """`outward`, by the errors (S,8) of the observed rays."""
-    expected = bundle.rays - errors.reshape(-1, 4, 2)
-    a, b, c, d = (bundle.by_ray[..., i, j] for i in (0, 1) for j in (0, 1))
-    x, y = expected[..., 0], expected[..., 1]
+def _outward(rays: Array, by_ray: Array) -> Array:
+    """(S,8,2) `outward` on the way between corners at ``rays`` (S,4,2)."""
+    a, b, c, d = (by_ray[..., i, j] for i in (0, 1) for j in (0, 1))
+    x, y = rays[..., 0], rays[..., 1]
     pixels = np.stack([a * x + b * y, c * x + d * y], axis=-1)
     determinant = a * d - b * c
     shifts = np.empty((len(x), 4, 2, SIZE))
@@ -143,8 +138,10 @@ def add_face_equations(bundle: Bundle, weights: Array, faces: FaceSums) -> None:
 def add_face_equations_numpy(bundle: Bundle, weights: Array, faces: FaceSums) -> None:
     """Definition of :func:`add_face_equations`."""
     errors, by_pose, by_landmark = derivatives(bundle)
+    # The way between observed corners turns with their errors, which would pull outward with no swelling at all.
+    shifts = _outward(bundle.rays - errors.reshape(-1, 4, 2), bundle.by_ray)
     # Those that do not count may be beyond all measure.
-    G = np.where((weights > 0)[:, None, None], bundle.whitener @ _outward(bundle, errors), 0.0)
+    G = np.where((weights > 0)[:, None, None], bundle.whitener @ shifts, 0.0)
     weighed = G.transpose(0, 2, 1) * weights[:, None, None]
     by_ray = weighed @ bundle.whitener
     pulls = (by_ray @ by_pose).transpose(0, 2, 1)
