@@ -162,22 +162,24 @@ def _candidate(
     fit: PatternRegistration, decoding: Decoding, options: DetectOptions, fit_distortion: bool
 ) -> Candidate:
     corners, covariance = fit.image_corners(fit_distortion)
-    reading = _against_rivals(_reading(fit, decoding, corners), fit.image, fit.family, fit.state, options)
+    reading = _against_other_codes(_reading(fit, decoding, corners), fit.image, fit.family, fit.state, options)
     return _in_own_order(fit.image, fit.family, corners, covariance, reading, options.rule)
 
 
 def _candidate_of(image: LinearImage, found: Fitted, family: LandmarkFamily, options: DetectOptions) -> Candidate:
     decoding = cautious_decoding_of(tables_of(family), found.plain, found.robust, found.pixels)
     reading = ScoredReading(decoding, mean_side(found.corners), blur_of(found.state), is_shaded=False)
-    reading = _against_rivals(reading, image, family, found.state, options)
+    reading = _against_other_codes(reading, image, family, found.state, options)
     return _in_own_order(image, family, found.corners, found.covariance, reading, options.rule)
 
 
-def _against_rivals(
+def _against_other_codes(
     reading: ScoredReading, image: LinearImage, family: LandmarkFamily, state: FloatArray, options: DetectOptions
 ) -> ScoredReading:
-    """A reading that would be accepted, with its margins: over other codes that are fitted too where it is doubtful,
-    and over codes behind an object where one is seen."""
+    """A reading that would be accepted, with its margins over other codes.
+
+    They are fitted too where it is doubtful, and stand behind an object where one is seen.
+    """
     least, pixels = options.rule.least_log_odds, options.config.pixels
     if reading.log_odds >= least and reading.is_doubtful:
         reading = replace(reading, rival_margin=rival_margin(image, family, state, reading.decoding, pixels))

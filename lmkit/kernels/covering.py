@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lmkit.kernels.occlusion import CELLS, OcclusionRules
+from lmkit.kernels.occlusion import OcclusionRules, rectangles_numpy
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -73,7 +73,7 @@ def covering_numpy(
     nothing, most = limit * len(points), 0.0
     least = alone = float(np.min(others @ np.maximum(total, 0), initial=nothing))
     for turn in range(GRIDS):
-        s = _rectangles(points, sums, np.pi / 2 / GRIDS * turn, rules.reach * half_mm)
+        s = rectangles_numpy(_turned(points, np.pi / 2 / GRIDS * turn), sums, rules.reach * half_mm)
         s = s[s[:, 0] >= occlusion.foreign_pixels]
         own = np.maximum(s[:, 6] - np.sum(s[:, 2:5] ** 2, axis=1) / s[:, 1], 0)
         gain = s[:, 5] - np.minimum(own, occlusion.foreign_pixel * s[:, 0])
@@ -83,14 +83,6 @@ def covering_numpy(
     return Covering(least + max(most - rules.price, 0), alone)
 
 
-def _rectangles(points: FloatArray, sums: FloatArray, turn: float, reach: float) -> FloatArray:
-    """(R,S) sums over all rectangles of cells of a grid."""
+def _turned(points: FloatArray, turn: float) -> FloatArray:
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    cells = np.floor((points @ rotation / reach + 1) * (CELLS / 2))
-    column, row = np.clip(cells, 0, CELLS - 1).astype(int).T
-    above = np.zeros((CELLS + 1, CELLS + 1, sums.shape[1]))
-    np.add.at(above, (row + 1, column + 1), sums)
-    above = above.cumsum(axis=0).cumsum(axis=1)
-    first, end = np.triu_indices(CELLS + 1, 1)
-    strips = above[end] - above[first]
-    return np.asarray((strips[:, end] - strips[:, first]).reshape(-1, sums.shape[1]))
+    return np.asarray(points @ rotation)

@@ -153,6 +153,12 @@ static int64_t even_step(int64_t step)
     return step;
 }
 
+/* No pixels yet. */
+static Pixels room_for_pixels(int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets)
+{
+    return (Pixels){.at = planes, .robust = planes + 8 * capacity, .work = work, .kinds = kinds, .subsets = subsets, .capacity = capacity};
+}
+
 /* Pixels where the pattern now lies; 0 where too little of it lies in the image. */
 static int take(const Fit *f, const double *view, const double *state, int64_t at_most, double near_share, Pixels *p)
 {
@@ -327,7 +333,7 @@ static int place_corners(const Fit *f, const double *view, const double *state, 
 int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t fit_distortion, int64_t capacity,
                        float *planes, float *work, uint8_t *kinds, double *subsets, double *state, double *out)
 {
-    Pixels p = {planes, NULL, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
     const int64_t decoding = HEAD + 2 + 2 * (2 + f->gaps);
     double *plain = out + 3 + STATE * STATE, *robust = plain + decoding, *corners = robust + decoding;
     /* While the code may still change, its parts are of no use. */
@@ -398,7 +404,7 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
                      double to_px, double hopeless, double by_error, int64_t capacity, float *planes, float *work,
                      uint8_t *kinds, double *subsets, int32_t *masks, double *state, double *results, double *out)
 {
-    Pixels p = {planes, NULL, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
     if (!take(f, view, state, f->coarse_pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
@@ -438,7 +444,7 @@ int lmkit_fit_covering(const Fit *f, const double *view, int64_t turn, int64_t c
                        int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets, const double *state,
                        double *results, double *out)
 {
-    Pixels p = {planes, NULL, NULL, NULL, NULL, planes + 8 * capacity, work, kinds, subsets, 0, capacity};
+    Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
     if (!take(f, view, state, f->pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);

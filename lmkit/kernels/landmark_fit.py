@@ -308,9 +308,9 @@ class LandmarkFit:
         """The reading of a turn and a code, at a (15,) state, against others behind an object; None as above."""
         kernel = _covering_kernel()
         assert kernel is not None
-        results, out = np.empty(HEAD), np.empty(2)
+        state, results, out = np.array(state, dtype=np.float64), np.empty(HEAD), np.empty(2)
         rooms = [WORKSPACE.floats(*room) for room in self._room]
-        ends = addresses(np.array(state, dtype=np.float64), results, out)
+        ends = addresses(state, results, out)
         task = ctypes.addressof(self._task)
         status = kernel(task, address(view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
         return None if status else Covering(float(out[0]), float(out[1]))

@@ -84,7 +84,7 @@ def lasting_errors(
         As many corners as observations, all zero where they are not used.
 
     Raises:
-        ValueError: a shape differs, or more than 12 states.
+        ValueError: a shape differs, a number is out of range, or more than 12 states.
         numpy.linalg.LinAlgError: something is not a number.
     """
     S, N = len(corners), len(left)
@@ -94,6 +94,8 @@ def lasting_errors(
     if kernel is None:
         return lasting_errors_numpy(corners, R, p, used, left, by_pull, image, per_px, before)
     known, last = len(before.places), len(before.pixels)
+    if S and (image.numbers.max() >= image.places or image.rows.max() >= last or known > image.places):
+        raise ValueError(f"numbers beyond {image.places} places, or rows beyond {last}")
     inputs = (
         contiguous(R, (3, 3)), contiguous(p, (3,)), contiguous(used, (S,), np.bool_), contiguous(left, (N, N)),
         contiguous(by_pull, (N, 6)), contiguous(image.numbers, (S,), np.int64),

@@ -89,18 +89,23 @@ def foreign_rectangle_numpy(
         usual: (N,) variance of those.
         half_mm: half side of the landmark.
     """
-    cells = np.floor((points / (rules.foreign_reach * half_mm) + 1) * (CELLS / 2))
-    column, row = np.clip(cells, 0, CELLS - 1).astype(int).T
     weight = 1 / usual
     unexplained = np.minimum(np.sum(off**2, axis=1) * weight, rules.foreign_limit)
     colors = weight[:, None] * values
     sums = np.column_stack([np.ones(len(points)), weight, colors, unexplained, np.sum(colors * values, axis=1)])
+    s = rectangles_numpy(points, sums, rules.foreign_reach * half_mm)
+    s = s[s[:, 0] >= rules.foreign_pixels]
+    own = s[:, 6] - np.sum(s[:, 2:5] ** 2, axis=1) / s[:, 1]
+    return float(np.max(s[:, 5] - np.minimum(own, rules.foreign_pixel * s[:, 0]), initial=0.0))
+
+
+def rectangles_numpy(points: FloatArray, sums: FloatArray, reach: float) -> FloatArray:
+    """(R,S) sums (N,S) of points (N,2) over all rectangles of cells of a grid of half side ``reach``."""
+    cells = np.floor((points / reach + 1) * (CELLS / 2))
+    column, row = np.clip(cells, 0, CELLS - 1).astype(int).T
     above = np.zeros((CELLS + 1, CELLS + 1, sums.shape[1]))
     np.add.at(above, (row + 1, column + 1), sums)
     above = above.cumsum(axis=0).cumsum(axis=1)
     first, end = np.triu_indices(CELLS + 1, 1)
     strips = above[end] - above[first]
-    s = strips[:, end] - strips[:, first]
-    s = s[s[..., 0] >= rules.foreign_pixels]
-    own = s[:, 6] - np.sum(s[:, 2:5] ** 2, axis=1) / s[:, 1]
-    return float(np.max(s[:, 5] - np.minimum(own, rules.foreign_pixel * s[:, 0]), initial=0.0))
+    return np.asarray((strips[:, end] - strips[:, first]).reshape(-1, sums.shape[1]))

@@ -37,6 +37,18 @@ def test_help_loads_nothing_heavy(arguments):
     assert ended.returncode == 0, ended.stderr
 
 
+def test_no_address_is_taken_of_an_array_that_nobody_holds():
+    """It is freed before the kernel reads it: ``addresses(np.empty(3))``."""
+    found = [
+        f"{path.name}:{call.lineno}"
+        for path in MODULES
+        for call in ast.walk(ast.parse(path.read_text()))
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in ("address", "addresses")
+        if any(isinstance(one, ast.Call | ast.BinOp) for one in call.args)
+    ]
+    assert not found
+
+
 def test_reading_a_map_loads_no_scipy():
     """Its import takes longer than `lmkit locate` does without it."""
     code = "import sys\nimport lmkit.io.external_maps\nsys.exit('scipy' in sys.modules)\n"
