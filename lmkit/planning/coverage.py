@@ -140,9 +140,10 @@ class FailingPlace:
     def __str__(self) -> str:
         known = f"position error {length_text(self.error_m)}" if self.error_m < BLIND_M else "pose unknown"
         x, y = self.middle
-        return (
-            f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {counted(self.in_view, 'landmark')} in view, {known}"
-        )
+        seen = f"{counted(self.in_view, 'landmark')} in view"
+        if self.in_view == 0 and self.error_m < BLIND_M:
+            seen = "landmarks read in fewer than half of the images"
+        return f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {seen}, {known}"
 
     def reason(self, demand: Demand) -> str:
         """The part of the requirement that does not hold."""

@@ -137,6 +137,8 @@ def test_a_floor_without_landmarks_is_blind_and_one_uncertain_place(tmp_path):
     assert len(uncertain) == 1
     assert uncertain[0].area_m2 > 10
     assert "0 landmarks in view, pose unknown" in str(uncertain[0])
+    at_times = str(replace(uncertain[0], error_m=0.094))
+    assert "landmarks read in fewer than half of the images, position error 9.4 cm" in at_times
     # Uncertain is what the demand asks for in vain: here a second landmark.
     one = [on_wall(floor.walls[0], 1.0, 9)]
     uncertain = failing_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))
