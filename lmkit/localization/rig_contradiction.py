@@ -93,9 +93,7 @@ def size_doubt(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[LandmarkI
     if len(mounted_cameras(rig)) != 2:
         return None
     stereo = as_stereo(rig, "the rig")
-    seen = _seen(
-        [(f.seen[0], f.seen[1]) for f in frames[:: 1 + len(frames) // MOST_FRAMES] if len(f.seen) > 1], sizes
-    )
+    seen = _seen_by_both(frames, sizes)
     if len(seen.sizes) < LEAST_VIEWS:
         return None
     by_size, by_baseline = _places(seen.left, seen.sizes, stereo.left), _triangulated(seen, stereo)

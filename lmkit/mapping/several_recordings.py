@@ -22,10 +22,7 @@ from lmkit.mapping.joint_solver import JointSolver
 from lmkit.mapping.joint_survey import JointSurvey
 from lmkit.mapping.known_survey import solve_by_known
 from lmkit.mapping.recording_group import LoneSurvey, join_recordings
-from lmkit.mapping.survey import (
-    solve_recording,
-    survey_of,
-)
+from lmkit.mapping.survey import solve_recording, survey_of
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.recording import RigFrame
