@@ -18,7 +18,7 @@ MOST_PIXELS_PER_M = 150.0
 AROUND_M = 0.6  # free space around what is drawn, where the room is not known
 ON_RIM_M = 0.05  # landmarks on the outermost wall of a floor stand beside its last cell
 SEEN_PX = 6.0  # ellipses are enlarged until the median is as large
-LARGEST_SEEN_PX = 120.0
+LARGEST_SEEN_PX, LARGEST_SHARE = 120.0, 1 / 8  # and no larger, nor a larger share of the shorter side
 GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
 OFF_WALL_PX = 9  # so far before its wall a landmark is drawn
@@ -139,9 +139,10 @@ def draw_plan(
     scale = min(MOST_PIXELS_PER_M, size.largest_px / max(high[0] - low[0], high[1] - low[1]))
     width, height = (round((high[axis] - low[axis]) * scale) + 2 * size.margin_px for axis in (0, 1))
     width = max(width, size.least_width_px)
-    known = [f.covariance for f in found if f.covariance is not None and f.sure]
-    known += [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
-    gain = _gain(known, scale)
+    of_poses = [f.covariance for f in found if f.covariance is not None and f.sure]
+    of_landmarks = [landmark.covariance[:2, :2] for landmark in landmarks if landmark.covariance is not None]
+    largest = min(LARGEST_SEEN_PX, LARGEST_SHARE * scale * min(high[axis] - low[axis] for axis in (0, 1)))
+    gain = _gain(of_poses, of_landmarks, scale, largest)
     colors = [*(underlay.legend if underlay else ()), *((line.color, line.legend) for line in polylines)]
     rows = _legend_rows([*colors, *_legend(landmarks, found, truth, gain)], width, size.margin_px)
     drawn = (width, height - size.margin_px + LEGEND_PX + LEGEND_ROW_PX * (len(rows) - 1) + UNDER_PX)
@@ -255,16 +256,21 @@ def _extent(
     return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
 
 
-def _gain(covariances: Sequence[FloatArray], scale: float) -> float:
-    """How much ellipses are enlarged to be seen."""
-    if not covariances:
+def _gain(
+    of_poses: Sequence[FloatArray], of_landmarks: Sequence[FloatArray], scale: float, largest_px: float
+) -> float:
+    """How much ellipses are enlarged to be seen, by the covariances (2,2) of poses and of landmarks."""
+    groups = [
+        [np.sqrt(max(np.linalg.eigvalsh(c)[-1], 0.0) * CHI2_2D_95) * scale for c in group]
+        for group in (of_poses, of_landmarks)
+        if group
+    ]
+    if not groups:
         return 1.0
-    sizes = [np.sqrt(max(np.linalg.eigvalsh(c)[-1], 0.0) * CHI2_2D_95) * scale for c in covariances]
-    seen = next((gain for gain in GAINS if gain * np.median(sizes) >= SEEN_PX), GAINS[-1])
-    # The large ones shall not hide the room.
-    return max(
-        [gain for gain in GAINS if gain <= seen and gain * np.percentile(sizes, 95) < LARGEST_SEEN_PX], default=1.0
-    )
+    seen = next((gain for gain in GAINS if gain * np.median(np.concatenate(groups)) >= SEEN_PX), GAINS[-1])
+    # The large ones shall not hide the room, neither those of few landmarks beside many poses.
+    large = max(np.percentile(sizes, 95) for sizes in groups)
+    return max([gain for gain in GAINS if gain <= seen and gain * large < largest_px], default=1.0)
 
 
 class _Plan:
