@@ -222,7 +222,7 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         rules = QuadRules(4.0, 0.04, 8 * 280, 10.0, 0.012)
         where = rng.integers(0, 2, (30, 40)).astype(np.uint8)
         smooth = plane.round().astype(np.uint8)
-        for window in (7, 15, 255):
+        for window in (3, 7, 15):
             yield smooth, None, window, rules
             yield smooth, where, window, rules
         from_steps = rules._replace(darker=0.01, step_per_change=3.0, least_step=2.0, most_step=12.0)

@@ -8,11 +8,11 @@
 #include "plane.h"
 
 #define CELL 4
-#define SHORT 15 /* largest window whose sum fits into 16 bits */
 #define DARK 1 /* flags of a pixel */
 #define VISITED 2
 #define BEGINS 4 /* dark, its left neighbor is not, and the step between them is large */
 #define AROUND 16 /* four bits for what is dark around the upper left corner: upper left and right, lower left and right */
+#define WIDEST 15 /* largest window whose sum fits into 16 bits */
 #define BANDS 24 /* rows from which an image's changes are known */
 #define STRETCHES 16 /* a polygon of more sides is no square with a hidden part */
 #define LONGEST 6
@@ -33,11 +33,15 @@ typedef struct {
     int64_t longest;
 } QuadRules;
 
-/* An outline's points, in order, clockwise. */
+/* An outline's points, in order, clockwise.  Behind the n-th the last one is repeated, so that loops run over whole
+ * vectors. */
 typedef struct {
     const float *x, *y;
     int64_t n;
 } Outline;
+
+#define PAD 16
+#define PADDED(n) (((n) + PAD - 1) & ~(int64_t)(PAD - 1))
 
 static double length_of(double x, double y)
 {
@@ -49,7 +53,7 @@ static double length_of(double x, double y)
 LMKIT_EXPORT int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where,
                                   int64_t where_height, int64_t where_width, int64_t halvings, int64_t level,
                                   int64_t window, const double *rules, int16_t *field, uint8_t *flags,
-                                  uint16_t *sums, int32_t *prefix, float *points, int32_t *active, int64_t capacity,
+                                  uint16_t *sums, uint16_t *wide, float *points, int32_t *runs, int64_t capacity,
                                   float *quads, double *corners, int64_t *count);
 LMKIT_EXPORT int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, double offset,
                                      const double *least, int64_t dilate, float *rows, float *cells,
@@ -78,99 +82,104 @@ static double step_to_begin(const uint8_t *plane, int64_t height, int64_t width,
     return step < rules->most_step ? step : rules->most_step;
 }
 
-/* Flags of a row of n pixels, those of the row above it given; step: of the field. */
+/* Flags of a row of n pixels, those of the row above it given; step: of the field.  Numbers of 16 bits throughout, and
+ * masks in place of conditions, so that it vectorizes. */
 static void mark_dark(const int16_t *restrict field, int64_t n, int16_t step, const uint8_t *restrict above, uint8_t *restrict flags)
 {
     flags[0] = field[0] < 0 ? DARK : 0;
     for (int64_t x = 1; x < n; x++) {
-        int16_t here = field[x], left = field[x - 1];
-        uint8_t dark = here < 0 ? DARK | AROUND << 3 : 0, beside = left < 0 ? AROUND << 2 : 0;
-        uint8_t begins = (here < 0) & (left >= 0) & (left >= step + here) ? BEGINS : 0;
-        uint8_t over = (uint8_t)((above[x - 1] & DARK) * AROUND | (above[x] & DARK) * (AROUND << 1));
-        flags[x] = dark | beside | begins | over;
+        const int16_t here = field[x], left = field[x - 1];
+        const int16_t dark = here >> 15, beside = left >> 15, falls = (int16_t)(here + step - left - 1) >> 15;
+        /* What is dark above lies one row higher in the flags of the pixel above. */
+        const int16_t over = (int16_t)(above[x] >> 2 & 3 * AROUND);
+        flags[x] = (uint8_t)((dark & (DARK | AROUND << 3)) | (beside & AROUND << 2) | (dark & ~beside & falls & BEGINS) | over);
     }
 }
 
-/* Sums of so many neighbors in a row; the window that is used most needs one pass. */
-static inline void add_columns(const uint16_t *restrict sums, int64_t n, int64_t window, uint16_t *restrict wide)
+/* Means over windows in 16 bits: a sum, shifted to the left, times the share of its number of pixels, without the lower
+ * 16 bits. */
+typedef struct {
+    int shift;
+    uint32_t shares[WIDEST * WIDEST + 1];
+} Means;
+
+static void fill_means(int64_t window, double darker, Means *m)
 {
-    if (window == 5) {
-        for (int64_t x = 0; x < n; x++)
-            wide[x] = (uint16_t)(sums[x] + sums[x + 1] + sums[x + 2] + sums[x + 3] + sums[x + 4]);
-        return;
+    m->shift = 0;
+    while (255 * window * window << (m->shift + 1) <= 65535)
+        m->shift++;
+    for (int64_t pixels = 1; pixels <= window * window; pixels++)
+        m->shares[pixels] = (uint32_t)(64.0 * (1.0 - darker) * (double)(65536 >> m->shift) / (double)pixels + 0.5);
+}
+
+/* out[x] of n pixels of a row, whose window is `window` neighboring sums; a constant, so that one pass does it all. */
+static inline void field_of_row(const uint16_t *restrict sums, const int64_t window, const uint8_t *restrict row, int64_t n, int shift, uint16_t share, int16_t *restrict out)
+{
+    for (int64_t x = 0; x < n; x++) {
+        uint16_t sum = sums[x];
+        for (int64_t k = 1; k < window; k++)
+            sum = (uint16_t)(sum + sums[x + k]);
+        const uint16_t mean = (uint16_t)((uint32_t)(uint16_t)(sum << shift) * share >> 16);
+        out[x] = (int16_t)(64 * row[x] + 32 - mean);
     }
-    for (int64_t x = 0; x < n; x++)
-        wide[x] = sums[x];
-    for (int64_t k = 1; k < window; k++)
-        for (int64_t x = 0; x < n; x++)
-            wide[x] = (uint16_t)(wide[x] + sums[x + k]);
 }
 
 /* field = 64 (plane - (1 - darker) mean + 0.5), the mean over a window cut off at the image's edges, with a border of
- * one pixel that is not dark.  flags: DARK where the field is negative, BEGINS where it falls by `step` gray levels. */
-static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, double least_step, uint16_t *restrict sums, int32_t *restrict prefix, int16_t *field, uint8_t *flags)
+ * one pixel that is not dark.  flags: DARK where the field is negative, BEGINS where it falls by `step` gray levels.
+ * sums, wide: room for a row each. */
+static void local_field(int64_t height, int64_t width, const uint8_t *plane, int64_t window, double darker, double least_step, uint16_t *restrict sums, uint16_t *restrict wide, int16_t *field, uint8_t *flags)
 {
-    const int64_t half = window / 2, stride = width + 2;
+    const int64_t half = window / 2, stride = width + 2, inner = width - 2 * half;
     const int16_t step = (int16_t)(64.0 * least_step);
+    Means means;
+    fill_means(window, darker, &means);
     for (int64_t x = 0; x < stride; x++)
         field[x] = field[(height + 1) * stride + x] = 1;
     memset(flags, 0, (size_t)stride);
     memset(sums, 0, (size_t)width * sizeof *sums);
-    for (int64_t y = 0; y < half && y < height; y++)
+    for (int64_t y = 0; y <= half && y < height; y++)
         for (int64_t x = 0; x < width; x++)
             sums[x] = (uint16_t)(sums[x] + plane[y * width + x]);
     for (int64_t y = 0; y < height; y++) {
-        if (y + half < height && y - half - 1 >= 0) {
-            const uint8_t *restrict enters = plane + (y + half) * width, *restrict leaves = plane + (y - half - 1) * width;
-            for (int64_t x = 0; x < width; x++)
-                sums[x] = (uint16_t)(sums[x] + enters[x] - leaves[x]);
-        } else if (y + half < height) {
-            for (int64_t x = 0; x < width; x++)
-                sums[x] = (uint16_t)(sums[x] + plane[(y + half) * width + x]);
-        } else if (y - half - 1 >= 0)
-            for (int64_t x = 0; x < width; x++)
-                sums[x] = (uint16_t)(sums[x] - plane[(y - half - 1) * width + x]);
-        int64_t top = y - half > 0 ? y - half : 0, bottom = y + half < height - 1 ? y + half : height - 1;
-        int64_t rows = bottom - top + 1;
-        /* Sums from the row's beginning: the mean of a window is a difference of two. */
-        int32_t sum = 0;
-        if (window > SHORT || width <= 2 * window)
-            for (int64_t x = 0; x < width; x++) {
-                prefix[x] = sum;
-                sum += sums[x];
-            }
-        prefix[width] = sum;
-        const float scale = (float)(64.0 * (1.0 - darker) / (double)rows);
-        const float inner = scale / (float)window;
+        const int64_t top = y - half > 0 ? y - half : 0, bottom = y + half < height - 1 ? y + half : height - 1;
+        const int64_t rows = bottom - top + 1;
         const uint8_t *restrict row = plane + y * width;
         int16_t *restrict out = field + (y + 1) * stride + 1;
         out[-1] = out[width] = 1;
-        if (window <= SHORT && width > 2 * window) {
-            /* Short windows are added up column by column, which vectorizes; they fit into 16 bits. */
-            uint16_t *restrict wide = (uint16_t *)prefix;
-            const int64_t n = width - 2 * half;
-            add_columns(sums, n, window, wide);
-            for (int64_t x = 0; x < n; x++)
-                out[x + half] = (int16_t)(64 * row[x + half] + 32 - (int32_t)((float)wide[x] * inner));
-            for (int64_t e = 0; e < 2 * half; e++) {
-                int64_t x = e < half ? e : width - 2 * half + e, total = 0;
-                int64_t left = x - half > 0 ? x - half : 0, right = x + half < width - 1 ? x + half : width - 1;
-                for (int64_t k = left; k <= right; k++)
-                    total += sums[k];
-                out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)total * (scale / (float)(right - left + 1))));
+        if (inner > 0) {
+            const uint16_t share = (uint16_t)means.shares[rows * window];
+            if (window == 5)
+                field_of_row(sums, 5, row + half, inner, means.shift, share, out + half);
+            else {
+                memcpy(wide, sums, (size_t)inner * sizeof *wide);
+                for (int64_t k = 1; k < window; k++)
+                    for (int64_t x = 0; x < inner; x++)
+                        wide[x] = (uint16_t)(wide[x] + sums[x + k]);
+                field_of_row(wide, 1, row + half, inner, means.shift, share, out + half);
             }
-            mark_dark(out - 1, stride, step, flags + y * stride, flags + (y + 1) * stride);
-            continue;
         }
-        for (int64_t x = half; x < width - half; x++)
-            out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[x + half + 1] - prefix[x - half]) * inner));
         for (int64_t x = 0; x < width; x++) {
-            if (x == half && width - half > half)
+            if (x == half && inner > 0)
                 x = width - half;
-            int64_t left = x - half > 0 ? x - half : 0, right = x + half < width - 1 ? x + half : width - 1;
-            float part = scale / (float)(right - left + 1);
-            out[x] = (int16_t)(64 * row[x] + 32 - (int32_t)((float)(prefix[right + 1] - prefix[left]) * part));
+            if (x == width)
+                break;
+            const int64_t left = x - half > 0 ? x - half : 0, right = x + half < width - 1 ? x + half : width - 1;
+            uint64_t sum = 0;
+            for (int64_t k = left; k <= right; k++)
+                sum += sums[k];
+            out[x] = (int16_t)(64 * row[x] + 32 - (int64_t)((sum << means.shift) * means.shares[rows * (right - left + 1)] >> 16));
         }
+        /* Sums of the next row, before this row's field is read again: what was just written is not yet at hand. */
+        if (y + half + 1 < height && y - half >= 0) {
+            const uint8_t *restrict enters = plane + (y + half + 1) * width, *restrict leaves = plane + (y - half) * width;
+            for (int64_t x = 0; x < width; x++)
+                sums[x] = (uint16_t)(sums[x] + enters[x] - leaves[x]);
+        } else if (y + half + 1 < height) {
+            for (int64_t x = 0; x < width; x++)
+                sums[x] = (uint16_t)(sums[x] + plane[(y + half + 1) * width + x]);
+        } else if (y - half >= 0)
+            for (int64_t x = 0; x < width; x++)
+                sums[x] = (uint16_t)(sums[x] - plane[(y - half) * width + x]);
         mark_dark(out - 1, stride, step, flags + y * stride, flags + (y + 1) * stride);
     }
     mark_dark(field + (height + 1) * stride, stride, step, flags + height * stride, flags + (height + 1) * stride);
@@ -228,40 +237,52 @@ static int64_t follow(const Turns *restrict turns, uint8_t *flags, int64_t start
 }
 
 /* Where the field crosses zero on every side, and the area within. */
-static double crossings(const int16_t *field, int64_t stride, const int32_t *codes, int64_t n, float *restrict out_x, float *restrict out_y)
+static double crossings(const int16_t *field, int64_t stride, int32_t *restrict codes, int64_t n, float *restrict out_x, float *restrict out_y)
 {
     const int32_t row = (int32_t)stride, step[4] = {1, row, -1, -row};
-    const float step_x[4] = {1, 0, -1, 0}, step_y[4] = {0, 1, 0, -1};
+    const int64_t padded = PADDED(n);
     double twice = 0.0;
-    int32_t before = codes[0] >> 2, y = before / row;
-    for (int64_t i = 0; i < n; i++) {
-        int32_t at = codes[i] >> 2, d = codes[i] & 3, moved = at - before;
-        /* Neighboring sides are at most one row apart. */
-        y += (moved > 1) - (moved < -1);
-        before = at;
-        float inside = field[at], t = inside / (inside - (float)field[at + step[d]]);
-        out_x[i] = (float)(at - y * row - 1) + t * step_x[d];
-        out_y[i] = (float)(y - 1) + t * step_y[d];
+    for (int64_t i = n; i < padded; i++)
+        codes[i] = codes[n - 1];
+    for (int64_t i = 0; i < padded; i++) {
+        const int16_t *at = field + (codes[i] >> 2);
+        out_x[i] = (float)at[0];
+        out_y[i] = (float)at[step[codes[i] & 3]];
     }
-    _Pragma("omp simd reduction(+ : twice)") for (int64_t i = 1; i < n; i++)
-        twice += (double)(out_x[i - 1] * out_y[i] - out_y[i - 1] * out_x[i]);
+    /* No pixel of an outline lies in the border's columns, so that rounding never changes its row. */
+    const double rows = 1.0 / (double)row;
+    _Pragma("omp simd") for (int64_t i = 0; i < padded; i++)
+    {
+        const int32_t at = codes[i] >> 2, d = codes[i] & 3, y = (int32_t)((double)at * rows), x = at - y * row;
+        const float inside = out_x[i], t = inside / (inside - out_y[i]);
+        out_x[i] = (float)(x - 1) + t * (float)((d == 0) - (d == 2));
+        out_y[i] = (float)(y - 1) + t * (float)((d == 1) - (d == 3));
+    }
+    out_x[padded] = out_x[n - 1];
+    out_y[padded] = out_y[n - 1];
+    _Pragma("omp simd reduction(+ : twice)") for (int64_t i = 0; i < padded; i++)
+        twice += (double)(out_x[i] * out_y[i + 1] - out_y[i] * out_x[i + 1]);
     return 0.5 * (twice + (double)(out_x[n - 1] * out_y[0] - out_y[n - 1] * out_x[0]));
 }
 
 /* Farthest point from (x, y). */
 static int64_t farthest(const Outline *o, float x, float y)
 {
+    const float *restrict const xs = o->x, *restrict const ys = o->y; /* as fields, they would be gathered */
     float most = -1.0f;
-    _Pragma("omp simd reduction(max : most)") for (int64_t i = 0; i < o->n; i++)
+    const int64_t padded = PADDED(o->n);
+    _Pragma("omp simd reduction(max : most)") for (int64_t i = 0; i < padded; i++)
     {
-        float dx = o->x[i] - x, dy = o->y[i] - y, d = dx * dx + dy * dy;
+        float dx = xs[i] - x, dy = ys[i] - y, d = dx * dx + dy * dy;
         most = d > most ? d : most;
     }
-    int64_t at = 0;
-    for (; at + 1 < o->n; at++) {
-        float dx = o->x[at] - x, dy = o->y[at] - y;
-        if (dx * dx + dy * dy == most)
-            break;
+    const int32_t last = (int32_t)o->n - 1;
+    int32_t at = last;
+    _Pragma("omp simd reduction(min : at)") for (int32_t i = 0; i < (int32_t)padded; i++)
+    {
+        float dx = xs[i] - x, dy = ys[i] - y;
+        int32_t here = dx * dx + dy * dy == most ? i : last;
+        at = here < at ? here : at;
     }
     return at;
 }
@@ -286,21 +307,23 @@ static inline float beside(Way w, float x, float y)
  * 0 where they are no square's.  area: of the outline's hull, taken for four parabolas on their sides. */
 static int four_corners(const Outline *o, int64_t *corner, double *area)
 {
-    float x0 = o->x[0], x1 = x0, y0 = o->y[0], y1 = y0;
-    _Pragma("omp simd reduction(min : x0, y0) reduction(max : x1, y1)") for (int64_t i = 0; i < o->n; i++)
+    const int64_t padded = PADDED(o->n);
+    const float *restrict const xs = o->x, *restrict const ys = o->y;
+    float x0 = xs[0], x1 = x0, y0 = ys[0], y1 = y0;
+    _Pragma("omp simd reduction(min : x0, y0) reduction(max : x1, y1)") for (int64_t i = 0; i < padded; i++)
     {
-        x0 = o->x[i] < x0 ? o->x[i] : x0;
-        x1 = o->x[i] > x1 ? o->x[i] : x1;
-        y0 = o->y[i] < y0 ? o->y[i] : y0;
-        y1 = o->y[i] > y1 ? o->y[i] : y1;
+        x0 = xs[i] < x0 ? xs[i] : x0;
+        x1 = xs[i] > x1 ? xs[i] : x1;
+        y0 = ys[i] < y0 ? ys[i] : y0;
+        y1 = ys[i] > y1 ? ys[i] : y1;
     }
     corner[0] = farthest(o, 0.5f * (x0 + x1), 0.5f * (y0 + y1));
-    corner[2] = farthest(o, o->x[corner[0]], o->y[corner[0]]);
+    corner[2] = farthest(o, xs[corner[0]], ys[corner[0]]);
     const Way across = way_of(o, corner[0], corner[2]);
     float left = 0.0f, right = 0.0f;
-    _Pragma("omp simd reduction(min : left) reduction(max : right)") for (int64_t i = 0; i < o->n; i++)
+    _Pragma("omp simd reduction(min : left) reduction(max : right)") for (int64_t i = 0; i < padded; i++)
     {
-        float off = beside(across, o->x[i], o->y[i]);
+        float off = beside(across, xs[i], ys[i]);
         left = off < left ? off : left;
         right = off > right ? off : right;
     }
@@ -308,22 +331,25 @@ static int four_corners(const Outline *o, int64_t *corner, double *area)
     *area = 0.0;
     if (!(left < 0.0f && right > 0.0f))
         return 0;
-    corner[1] = corner[3] = -1;
-    for (int64_t i = 0; i < o->n && (corner[1] < 0 || corner[3] < 0); i++) {
-        float off = beside(across, o->x[i], o->y[i]);
-        if (off == left && corner[1] < 0)
-            corner[1] = i;
-        if (off == right && corner[3] < 0)
-            corner[3] = i;
+    const int32_t n = (int32_t)o->n;
+    int32_t leftmost = n, rightmost = n;
+    _Pragma("omp simd reduction(min : leftmost, rightmost)") for (int32_t i = 0; i < (int32_t)padded; i++)
+    {
+        float off = beside(across, xs[i], ys[i]);
+        int32_t at_left = off == left ? i : n, at_right = off == right ? i : n;
+        leftmost = at_left < leftmost ? at_left : leftmost;
+        rightmost = at_right < rightmost ? at_right : rightmost;
     }
-    if (corner[1] < 0 || corner[3] < 0)
+    if (leftmost == n || rightmost == n)
         return 0;
+    corner[1] = leftmost;
+    corner[3] = rightmost;
     const Way a = way_of(o, corner[0], corner[1]), b = way_of(o, corner[1], corner[2]);
     const Way c = way_of(o, corner[2], corner[3]), d = way_of(o, corner[3], corner[0]);
     float beyond_a = 0.0f, beyond_b = 0.0f, beyond_c = 0.0f, beyond_d = 0.0f;
-    _Pragma("omp simd reduction(min : beyond_a, beyond_b, beyond_c, beyond_d)") for (int64_t i = 0; i < o->n; i++)
+    _Pragma("omp simd reduction(min : beyond_a, beyond_b, beyond_c, beyond_d)") for (int64_t i = 0; i < padded; i++)
     {
-        float x = o->x[i], y = o->y[i];
+        float x = xs[i], y = ys[i];
         float off_a = beside(a, x, y), off_b = beside(b, x, y), off_c = beside(c, x, y), off_d = beside(d, x, y);
         beyond_a = off_a < beyond_a ? off_a : beyond_a;
         beyond_b = off_b < beyond_b ? off_b : beyond_b;
@@ -613,32 +639,28 @@ static int64_t contour_quads(const Outline *o, const QuadRules *rules, float *qu
     return found;
 }
 
-/* Cells of an image's row of cells in which anything is to be looked for; how many. */
-static int64_t active_cells(const uint8_t *where, int64_t down, int64_t across, int64_t halvings, int64_t row, int64_t cells, int32_t *restrict active)
+/* Begin and end of each run of pixels, in a row of cells, in which anything is to be looked for; how many.  Cells of the
+ * plane may lie within one of `where` (halvings < 0) or hold several; at odd sizes the last ones reach further. */
+static int64_t active_runs(const uint8_t *where, int64_t down, int64_t across, int64_t halvings, int64_t row, int64_t width, int32_t *restrict runs)
 {
-    int64_t some = 0;
-    if (halvings <= 0) {
-        const int64_t i = row >> -halvings, last = across - 1;
-        const uint8_t *restrict line = where ? where + (i < down ? i : down - 1) * across : NULL;
-        for (int64_t j = 0; j < cells; j++) {
-            const int64_t k = j >> -halvings;
-            active[some] = (int32_t)j;
-            some += !line || line[k < last ? k : last] != 0;
+    const int64_t tall = halvings > 0 ? (int64_t)1 << halvings : 1, size = halvings < 0 ? (int64_t)CELL << -halvings : CELL;
+    const int64_t first = halvings < 0 ? row >> -halvings : row * tall, last = (down - 1) / tall * tall;
+    const int64_t top = first < last ? first : last, bottom = top + tall < down ? top + tall : down;
+    int64_t found = 0, x = 0;
+    int within = 0;
+    for (int64_t j = 0; j < across && x < width; j += tall, x += size) {
+        int any = where[top * across + j];
+        for (int64_t i = 1; i < tall * tall && !any; i++)
+            any = top + i / tall < bottom && j + i % tall < across ? where[(top + i / tall) * across + j + i % tall] : 0;
+        if ((any != 0) != within) {
+            runs[2 * found + within] = (int32_t)x;
+            found += within;
+            within = !within;
         }
-        return some;
     }
-    const int64_t size = (int64_t)1 << halvings, last = (across - 1) >> halvings, last_row = (down - 1) >> halvings;
-    const int64_t top = (row < last_row ? row : last_row) << halvings, bottom = top + size < down ? top + size : down;
-    for (int64_t j = 0; j < cells; j++) {
-        const int64_t left = (j < last ? j : last) << halvings, right = left + size < across ? left + size : across;
-        int any = 0;
-        for (int64_t y = top; y < bottom; y++)
-            for (int64_t x = left; x < right; x++)
-                any |= where[y * across + x];
-        active[some] = (int32_t)j;
-        some += any != 0;
-    }
-    return some;
+    if (within)
+        runs[2 * found++ + 1] = (int32_t)width;
+    return found;
 }
 
 /* Room for outlines, and where they begin. */
@@ -682,31 +704,31 @@ static int begin_outlines(Outlines *o, const Turns *turns, const QuadRules *rule
 
 int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where, int64_t where_height,
                      int64_t where_width, int64_t halvings, int64_t level, int64_t window, const double *numbers,
-                     int16_t *field, uint8_t *flags, uint16_t *sums, int32_t *prefix, float *points, int32_t *active,
+                     int16_t *field, uint8_t *flags, uint16_t *sums, uint16_t *wide, float *points, int32_t *runs,
                      int64_t capacity, float *quads, double *corners, int64_t *count)
 {
     const QuadRules rules = {numbers[0], numbers[1], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7], (int64_t)numbers[2]};
-    const int64_t across = (width + CELL - 1) / CELL, stride = width + 2;
-    Outlines o = {field, flags, points, points + rules.longest, (int32_t *)(points + 2 * rules.longest), stride, capacity, 0, quads};
-    local_field(height, width, plane, window, rules.darker, step_to_begin(plane, height, width, &rules), sums, prefix, field, flags);
+    const int64_t stride = width + 2;
+    const int64_t room = PADDED(rules.longest) + PAD;
+    Outlines o = {field, flags, points, points + room, (int32_t *)(points + 2 * room), stride, capacity, 0, quads};
+    local_field(height, width, plane, window, rules.darker, step_to_begin(plane, height, width, &rules), sums, wide, field, flags);
     Turns turns;
     fill_turns(stride, &turns);
-    int64_t some = 0;
+    int64_t found = 1;
+    runs[0] = 0, runs[1] = (int32_t)width;
     for (int64_t y = 0; y < height; y++) {
-        if (y % CELL == 0)
-            some = active_cells(where, where_height, where_width, where ? halvings : 0, y / CELL, across, active);
-        for (int64_t k = 0; k < some; k++) {
-            const int64_t x = (int64_t)active[k] * CELL, end = x + CELL < width ? x + CELL : width;
-            if (x + CELL <= width) {
-                /* All pixels of a cell at once. */
-                uint32_t here;
+        if (y % CELL == 0 && where)
+            found = active_runs(where, where_height, where_width, halvings, y / CELL, width, runs);
+        for (int64_t k = 0; k < found; k++)
+            for (int64_t x = runs[2 * k]; x < runs[2 * k + 1]; x += 8) {
+                /* Eight pixels at once; the row below is read with the last ones. */
+                uint64_t here;
                 memcpy(&here, flags + (y + 1) * stride + x + 1, sizeof here);
-                if (!(here & (BEGINS * 0x01010101u)))
+                if (!(here & BEGINS * 0x0101010101010101u))
                     continue;
+                if (!begin_outlines(&o, &turns, &rules, y, x, x + 8 < runs[2 * k + 1] ? x + 8 : runs[2 * k + 1]))
+                    return 2;
             }
-            if (!begin_outlines(&o, &turns, &rules, y, x, end))
-                return 2;
-        }
     }
     /* Pixel k of a halved image covers the span [k, k + 1) * 2 of the one before. */
     const double scale = (double)((int64_t)1 << level);
@@ -762,13 +784,13 @@ int lmkit_where_to_look(int64_t height, int64_t width, const uint8_t *image, dou
         for (int k = 0; k < 4; k++) {
             const float *row = rows + k * width;
             float *cell = cells + k * count + i * across;
-            for (int64_t j = 0; j < across; j++) {
-                int64_t x1 = (j + 1) * CELL < width ? (j + 1) * CELL : width;
-                float most = row[j * CELL];
-                for (int64_t x = j * CELL + 1; x < x1; x++)
-                    most = row[x] > most ? row[x] : most;
-                cell[j] = most;
+            for (int64_t j = 0; j < width / CELL; j++) {
+                float a = row[4 * j], b = row[4 * j + 1], c = row[4 * j + 2], d = row[4 * j + 3];
+                a = b > a ? b : a, c = d > c ? d : c;
+                cell[j] = c > a ? c : a;
             }
+            for (int64_t x = width / CELL * CELL; x < width; x++)
+                cell[across - 1] = x % CELL == 0 || row[x] > cell[across - 1] ? row[x] : cell[across - 1];
             largest_of_three(cell, wide + k * count + i * across, across);
         }
     }

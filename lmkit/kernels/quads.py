@@ -22,6 +22,7 @@ FloatArray = NDArray[np.floating[Any]]
 ByteArray = NDArray[np.uint8]
 
 CELL = 4
+PAD = 16  # what outlines are padded to a multiple of
 
 
 class QuadRules(NamedTuple):
@@ -89,13 +90,13 @@ def dark_quads(
     Args:
         plane: (H,W) one channel.
         where: cells in which the outlines begin, from :func:`where_to_look`; None for all.
-        window: side of the window for the local mean, odd, at most 255.
+        window: side of the window for the local mean, odd, at most 15.
         halvings: how often the plane's image is halved more than the one that ``where`` is of; -1: once less.
         level: how often it is halved at all; corners are px of the image before that.
     """
     plane = contiguous(plane, (-1, -1), np.uint8)
     height, width = plane.shape
-    if not (0 < window <= 255 and window % 2):
+    if not (0 < window <= 15 and window % 2):
         raise ValueError(f"a window of {window} pixels")
     if where is not None:
         where = contiguous(where, (-1, -1), np.uint8)
@@ -109,9 +110,9 @@ def dark_quads(
         _WORKSPACE.floats("field", pixels // 2 + 1),
         _WORKSPACE.floats("flags", pixels // 4 + 1),
         _WORKSPACE.floats("sums", width // 2 + 1),
-        _WORKSPACE.floats("prefix", width + 1),
-        _WORKSPACE.floats("points", 3 * rules.longest),
-        _WORKSPACE.floats("active", width // CELL + 2),
+        _WORKSPACE.floats("wide", width // 2 + 1),
+        _WORKSPACE.floats("points", 3 * (rules.longest + 2 * PAD)),
+        _WORKSPACE.floats("runs", width // CELL + 2),
     )
     capacity = 512
     while True:

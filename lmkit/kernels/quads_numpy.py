@@ -127,10 +127,12 @@ def local_field(plane: ByteArray, window: int, darker: float) -> Field:
     left, right = np.maximum(np.arange(width) - half, 0), np.minimum(np.arange(width) + half + 1, width)
     sums = total[np.ix_(bottom, right)] - total[np.ix_(top, right)] - total[np.ix_(bottom, left)]
     sums += total[np.ix_(top, left)]
-    scale = (64 * (1 - darker) / (bottom - top)).astype(np.float32)[:, None]
-    part = scale / (right - left).astype(np.float32)
+    # Integers of 16 bits: a window's sum is shifted as far as they allow, and the product's upper half is the mean.
+    shift = (65535 // (255 * window**2)).bit_length() - 1
+    pixels = (bottom - top)[:, None] * (right - left)
+    share = np.floor(64 * (1 - darker) * (65536 >> shift) / pixels + 0.5).astype(np.int64)
     field = np.ones((height + 2, width + 2), dtype=np.int16)
-    field[1:-1, 1:-1] = 64 * plane.astype(np.int32) + 32 - (sums.astype(np.float32) * part).astype(np.int32)
+    field[1:-1, 1:-1] = 64 * plane.astype(np.int64) + 32 - ((sums << shift) * share >> 16)
     return field
 
 
