@@ -55,6 +55,7 @@ class Situation:
     focal_px: float = 460.0
     baseline_m: float = 0.12
     apart_m: float = APART_M
+    family: str = "lm8"
 
     @property
     def rig(self) -> StereoRig:
@@ -64,7 +65,7 @@ class Situation:
     def landmarks(self) -> list[MappedLandmark]:
         scale = self.apart_m / APART_M
         return [
-            MappedLandmark(LandmarkId("lm8", 10 + k), 0.18, wall_pose([x * scale, 0.0, z], np.pi / 2))
+            MappedLandmark(LandmarkId(self.family, 10 + k), 0.18, wall_pose([x * scale, 0.0, z], np.pi / 2))
             for k, (x, z) in enumerate(PLACES[: self.count])
         ]
 

@@ -111,6 +111,7 @@ def draw_photograph(
     hidden: float = HIDDEN_SHARE,
     obstacle: Obstacle = bar_or_patch,
     motion_px: tuple[float, float] | None = None,
+    bowed: float = BOWED_SHARE,
 ) -> tuple[np.ndarray, list[Shown], ImagingChain]:
     """One image, (480,640,3) BGR, 8 bit, the landmarks in it and how it was taken.
 
@@ -127,6 +128,7 @@ def draw_photograph(
         obstacle: which of the two kinds of obstacles.
         motion_px: least and largest way of the image during the exposure, drawn by the logarithm, in any direction;
             without it, motion is one of the troubles, and short.
+        bowed: share of the sheets that are curled.
     """
     rng = np.random.default_rng(seed)
     panels, shown, obstacles, marker = [], [], [], family_named(family)
@@ -145,7 +147,7 @@ def draw_photograph(
         beside = max(MARGIN_M, marker.margin_mm / marker.side_mm * SIDE_M)
         above = A4_MARGIN_M if rng.random() < WHOLE_SHEET_SHARE else beside
         texture, paper = _on_paper(face, above, beside), (SIDE_M + 2 * beside, SIDE_M + 2 * above)
-        bow = float(rng.uniform(-0.01, 0.01)) if rng.random() < BOWED_SHARE else 0.0
+        bow = float(rng.uniform(-0.01, 0.01)) if rng.random() < bowed else 0.0
         panels.append(Panel(T, paper, as_printed(texture, inks), bow))
         if not is_landmark:
             continue

@@ -6,8 +6,8 @@
 Simulated stereo images of one to three landmarks, 0.8 to 4 m, up to 50 deg aside, by cameras of `TRAINING_KINDS`,
 each kind as often as the others, or, with `--reported`, by those of `HELD_OUT_KINDS`.  Lenses and map are exact; hard
 shadows, motion, defocus, dim or colored light and a veil trouble every camera with a chance of 30 % each.
-`--growth` takes the place of `registration.GROWTH`; `--first` is the first seed; `--roll` is the most that cameras
-are rolled to either side.
+`--growth` takes the place of that of `PatternRegistration.corner_errors`; `--first` is the first seed; `--roll` is
+the most that cameras are rolled to either side.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from peers import wilson
 from scipy.stats import chi2
 
 from lmkit.arrays import FloatArray
-from lmkit.detection import fit_steps, registration
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
+from lmkit.detection.registration import PatternRegistration
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp, rotation_log
 from lmkit.localization.absolute_pose import locate_rig
+from lmkit.model.families import families_named
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
@@ -99,12 +100,16 @@ class Seen:
         return Located(self.kind, s.distance_m, (place, rotation, all_six), 1000 * float(np.linalg.norm(off)))
 
 
-def look(kind: CameraKind, seed: int, roll_deg: float = 0.0) -> Seen:
-    """Draw a place and cameras of a kind, rolled by so much, take both images and detect the landmarks in them."""
+def look(kind: CameraKind, seed: int, roll_deg: float = 0.0, family: str = "lm8") -> Seen:
+    """Draw a place and cameras of a kind, rolled by so much, take both images and detect the landmarks in them.
+
+    Places, light and cameras depend on the seed alone, whatever the family.
+    """
     cv2.setNumThreads(1)
     rng = np.random.default_rng([77, seed, *kind.name.encode()])
     distance = float(np.exp(rng.uniform(*np.log(DISTANCES_M))))
-    s = Situation(int(rng.integers(1, 4)), distance, float(rng.uniform(-ASIDE_DEG, ASIDE_DEG)))
+    count, aside = int(rng.integers(1, 4)), float(rng.uniform(-ASIDE_DEG, ASIDE_DEG))
+    s = Situation(count, distance, aside, family=family)
     scene, rig = studio([landmark_sheet(one) for one in s.landmarks]), s.rig
     turn, rolled = rotation_exp(np.deg2rad(rng.uniform(-3, 3, 3))), rotation_exp(np.deg2rad([0.0, 0.0, roll_deg]))
     T = Pose("map", "camera", turn @ s.station.R @ rolled, s.station.t + rng.uniform(-0.03, 0.03, 3))
@@ -113,7 +118,7 @@ def look(kind: CameraKind, seed: int, roll_deg: float = 0.0) -> Seen:
     right = Pose("map", "camera", T.R @ back.R, T.t + T.R @ back.t)
     photos = [photograph(scene, one, at, chain, rng) for one, at in ((rig.left, T), (rig.right, right))]
     left_seen, right_seen = (
-        detect_landmarks(photo, DetectOptions(camera=one))
+        detect_landmarks(photo, DetectOptions(families_named(family), camera=one))
         for photo, one in zip(photos, (rig.left, rig.right), strict=True)
     )
     return Seen(kind.name, s, T, (left_seen, right_seen))
@@ -143,11 +148,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--images", type=int, default=80, help="pairs by each kind of camera")
     parser.add_argument("--reported", action="store_true")
-    parser.add_argument("--growth", type=float, default=registration.GROWTH)
+    parser.add_argument("--growth", type=float, default=PatternRegistration.corner_errors.growth)
     parser.add_argument("--first", type=int, default=0, help="seed")
     parser.add_argument("--roll", type=float, default=0.0, help="deg")
     options = parser.parse_args()
-    fit_steps.GROWTH = registration.GROWTH = options.growth
+    PatternRegistration.corner_errors = PatternRegistration.corner_errors._replace(growth=options.growth)
     kinds = HELD_OUT_KINDS if options.reported else tuple(dict.fromkeys(TRAINING_KINDS))
     seeds = range(options.first, options.first + options.images)
     found = [look(kind, seed, roll_of(seed, options.roll)).located for seed in seeds for kind in kinds]

@@ -64,7 +64,7 @@ def words_with(rng: np.random.Generator, rings: int, count: int) -> Words:
 
 
 VIEW = View(np.array([300.0, 200.0]), np.array([319.5, 239.5]), 320.0, 90.0)
-PRIORS = Priors(1e-5, 0.12, 0.05, 0.1, 10.0)
+PRIORS = Priors(1e-5, 0.12, 0.05, 0.1, 10.0, 0.2)
 LIMITS = Limits(0.04, 64.0, 0.3, 0.6, 1.0)
 
 

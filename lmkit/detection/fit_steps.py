@@ -13,23 +13,17 @@ from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import EDGE_BAND_PX, LEAST_PIXELS, NEAR_SHARE, edges_of, paper_of, reach_of
 from lmkit.detection.registration import (
+    COLOR_SHIFT_PRIOR,
     DISTORTION_PRIOR,
-    FEW_EDGES_PX,
-    FULL_PX,
-    GROWTH,
-    LEAST_ERROR_PX,
     LIMITS,
     MIXED_PIXEL_PRIOR,
-    MOSAIC_PX,
     SHADING_PRIOR,
-    STRETCH,
     PatternRegistration,
 )
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import (
     FINISH,
     READ,
-    CornerErrors,
     FitRules,
     FitTask,
     Fitted,
@@ -129,7 +123,7 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         decoding.PROMISING_RED_OVER_BLUE,
         *decoding.PROMISING_CONTRAST,
     )
-    priors = Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, 10.0)
+    priors = Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, 10.0, COLOR_SHIFT_PRIOR)
     return FitRules(
         reach_of(family),
         paper_of(family),
@@ -147,7 +141,7 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         promising,
         Settled(decoding.SETTLED_CODE_MARGIN, decoding.SETTLED_TURN_MARGIN, decoding.SETTLED_CLEAR),
         START,
-        CornerErrors(LEAST_ERROR_PX, FEW_EDGES_PX, MOSAIC_PX, GROWTH, FULL_PX, STRETCH),
+        PatternRegistration.corner_errors,
         CHANNEL_WEIGHTS,
         MOSAIC,
     )

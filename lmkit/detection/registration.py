@@ -16,7 +16,7 @@ from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import DISTORTION, PixelSamples, mean_side, sample_pixels
 from lmkit.detection.shadows import ShadowEdge
 from lmkit.kernels.grid_pattern import GridDrawing
-from lmkit.kernels.landmark_fit import Fitted
+from lmkit.kernels.landmark_fit import CornerErrors, Fitted
 from lmkit.kernels.mosaic import MosaicRules
 from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.plane import STATE, View, displaced_numpy, distorted_numpy
@@ -26,24 +26,21 @@ from lmkit.model.landmark import LandmarkFamily
 
 MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterized pages
 DISTORTION_PRIOR = 0.12  # standard deviation of the radial distortion, relative at half the image's width
-# The mosaic errs along edges, and few pixels of edge do not even that out: the variance that the residuals show is
-# too small by 1 + aligned (this / side)^2, where `aligned` says how far the sides follow rows and columns.  From
-# simulated images with sides of 14 to 70 px, turned by 0 to 45 deg (benchmarks/corners.py).  Without a mosaic, errors
-# and residuals both fall to a fifth.  Lenses and paper come on top (`CORNER_FLOOR_PX`).
-FEW_EDGES_PX = 30.0
-MOSAIC_PX = 2.0  # period of the colors: an edge that crosses several periods meets all of them
-# Residuals are noise, which averages out over many pixels, and what sharpening, noise reduction, tone and JPEG
-# do to its edges, which does not.  The larger the scatter sigma of corners that residuals let expect, the more of it
-# is of that kind: the variance is GROWTH min(sigma / FULL_PX, 1) times as large.  Edges move together, so that a
-# landmark comes out wider or higher, by STRETCH sigma over its eight coordinates.  Fitted by likelihood on simulated
-# cameras of four kinds (`benchmarks/corner_covariance.py`; decision 36), and enlarged by 1.5: then 95 % of the poses
-# by a kind that is left out of the fit are inside.
-GROWTH, FULL_PX, STRETCH = 1.85, 0.064, 0.84
-LEAST_ERROR_PX = 0.0036
+# Errors of corners that residuals do not show.  The mosaic errs along edges, and few pixels of edge do not even that
+# out: the variance is too small by 1 + aligned (few_edges / side)^2, where `aligned` says how far the sides follow
+# rows and columns (`aligned_with_mosaic`).  Residuals are noise, which averages out over many pixels, and what
+# sharpening, noise reduction, tone and JPEG do to its edges, which does not.  The larger the scatter sigma of corners
+# that residuals let expect, the more of it is of that kind: the variance is growth min(sigma / full, 1) times as
+# large.  Edges move together: a landmark comes out wider or higher, by stretch sigma over its eight coordinates.
+# Fitted by likelihood on simulated cameras of four kinds (`benchmarks/corner_covariance.py`; decision 36), growth
+# enlarged by 1.5: then 95 % of the poses by a kind that is left out of the fit are inside.  Lenses and paper come on
+# top (`CORNER_FLOOR_PX`).
+CORNER_ERRORS = CornerErrors(least=0.0036, few_edges=30.0, mosaic=2.0, growth=1.85, full=0.064, stretch=0.84)
 # Standard deviation of the mixed-pixel bias.  A wider one follows what cameras do to colors, and edges with it
 # (decision 39).
 MIXED_PIXEL_PRIOR = 0.02
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
+COLOR_SHIFT_PRIOR = 0.2  # standard deviation of the way from green to red and from blue to green, px
 SHADOW_ROOM_PX = 8  # around the pixels in use, since the fit still moves
 LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, distortion=0.3, shading=0.6, bias=1.0)
 
@@ -59,10 +56,12 @@ class DrawingFit:
         hypothesis: which of its parts are drawn.
         channel_repeats: how often the three channels count the same light: 3 in gray images.
         mixed_pixel_prior: standard deviation of the mixed-pixel bias.
+        corner_errors: what residuals do not show.
     """
 
     samples: PixelSamples
     mixed_pixel_prior = MIXED_PIXEL_PRIOR
+    corner_errors = CORNER_ERRORS
 
     def __init__(
         self,
@@ -76,7 +75,7 @@ class DrawingFit:
         self.outline = family
         self.drawing: Drawing | GridDrawing = drawing
         self.hypothesis = Hypothesis(0, 0)
-        self.channel_repeats = 1
+        self.channel_repeats: float = 1
         self.view = View(np.round(corners.mean(axis=0)), image.center, image.half_width, family.half_mm)
         self.state: FloatArray = np.zeros(STATE)
         self.state[:8] = corners.ravel()
@@ -157,9 +156,10 @@ class DrawingFit:
         inverse = np.linalg.inv(self._normal)
         corners, J = self._seen_corners(fit_distortion)
         covariance = J @ inverse[:12, :12] @ J.T
-        few_edges = aligned_with_mosaic(corners) * (FEW_EDGES_PX / mean_side(corners)) ** 2
+        errors = self.corner_errors
+        few_edges = aligned_with_mosaic(corners, errors.mosaic) * (errors.few_edges / mean_side(corners)) ** 2
         covariance *= self._error * CORRELATED_PIXELS * self.channel_repeats * (1 + few_edges)
-        return corners, with_processing(corners, covariance)
+        return corners, with_processing(corners, covariance, errors)
 
     def _seen_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image, and (8,12) their slopes with the beginning of the state."""
@@ -184,15 +184,16 @@ class DrawingFit:
 
     @property
     def _priors(self) -> Priors:
-        return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, self.mixed_pixel_prior, self.samples.prior_weight)
+        weight = self.samples.prior_weight
+        return Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, self.mixed_pixel_prior, weight, COLOR_SHIFT_PRIOR)
 
 
-def with_processing(corners: FloatArray, scatter: FloatArray) -> FloatArray:
+def with_processing(corners: FloatArray, scatter: FloatArray, errors: CornerErrors) -> FloatArray:
     """(8,8) covariance of (4,2) corners from the one that residuals let expect: with the camera's processing."""
     variance = float(np.trace(scatter)) / 8
-    full = min(np.sqrt(variance) / FULL_PX, 1.0)
-    grown = scatter + STRETCH**2 * variance * stretches_of(corners)
-    return np.asarray(GROWTH * full * grown + LEAST_ERROR_PX**2 * np.eye(8))
+    full = min(np.sqrt(variance) / errors.full, 1.0)
+    grown = scatter + errors.stretch**2 * variance * stretches_of(corners)
+    return np.asarray(errors.growth * full * grown + errors.least**2 * np.eye(8))
 
 
 def stretches_of(corners: FloatArray) -> FloatArray:
@@ -256,13 +257,13 @@ class PatternRegistration(DrawingFit):
         return decoding
 
 
-def aligned_with_mosaic(corners: FloatArray) -> float:
+def aligned_with_mosaic(corners: FloatArray, period_px: float = CORNER_ERRORS.mosaic) -> float:
     """How far the sides of (4,2) corners follow rows and columns of pixels: 1 where they do, toward 0 where not.
 
-    The phase of the color mosaic runs through one period on every `MOSAIC_PX` that a side moves across the rows or
+    The phase of the color mosaic runs through one period on every `period_px` that a side moves across the rows or
     columns it follows; the error of the side's place is the mean over those phases.
     """
     points = corners.tolist()
     sides = zip(points, points[1:] + points[:1], strict=True)
     moved = [min(abs(x - u), abs(y - v)) for (x, y), (u, v) in sides]
-    return float(sum(1 / (1 + (far / MOSAIC_PX) ** 2) for far in moved) / 4)
+    return float(sum(1 / (1 + (far / period_px) ** 2) for far in moved) / 4)

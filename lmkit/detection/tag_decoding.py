@@ -99,7 +99,7 @@ def drawing_of_cells(family: SquareMarkerFamily, white: FloatArray, has_own_grou
 
 
 def decode_tag(
-    family: SquareMarkerFamily, view: View, state: FloatArray, samples: Samples, channel_repeats: int
+    family: SquareMarkerFamily, view: View, state: FloatArray, samples: Samples, channel_repeats: float
 ) -> TagDecoding | None:
     """Score every code in every quarter turn at this state of a registration; None where nothing looks like one."""
     tables = tag_tables_of(family)

@@ -16,6 +16,7 @@ from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import mean_side
 from lmkit.detection.registration import DrawingFit
 from lmkit.detection.tag_decoding import TagDecoding, border_error_of, decode_tag, drawing_of_cells, tag_tables_of
+from lmkit.kernels.landmark_fit import CornerErrors
 from lmkit.kernels.registration import Steps
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
@@ -31,6 +32,8 @@ COARSE_SIDE_PX = 100.0
 COARSE_PIXELS = 400
 DISTORTION_SIDE_PX = 40.0
 MIXED_PIXEL_PRIOR = 0.1  # black and white have no color to be smoothed; what rejects open borders counts on it
+# As `registration.CORNER_ERRORS`, fitted to square markers.
+CORNER_ERRORS = CornerErrors(least=0.0071, few_edges=30.0, mosaic=2.0, growth=1.88, full=0.025, stretch=0.77)
 LEAST_CONTRAST = 1.25  # white over black of what is worth registering
 
 
@@ -161,6 +164,7 @@ class TagFit(DrawingFit):
 
     decoding: TagDecoding
     mixed_pixel_prior = MIXED_PIXEL_PRIOR
+    corner_errors = CORNER_ERRORS
 
     def __init__(
         self, image: LinearImage, family: SquareMarkerFamily, corners: FloatArray, spread_px2: float, gray: bool
@@ -186,6 +190,16 @@ class TagFit(DrawingFit):
     def border_error(self) -> float:
         """Root mean square distance of the border's cells from black."""
         return border_error_of(self.family, self.view, self.state, self.samples.plain, self.decoding)
+
+    def image_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
+        """(4,2) corners in the image as delivered, and their (8,8) covariance.
+
+        Black and white look alike to all channels, and what a camera does to their edges errs alike in all of them.
+        How often channels count the same, the residuals tell.
+        """
+        left = (self.samples.values - self.discount()) / np.sqrt(self.samples.variance)
+        self.channel_repeats = float(np.mean(left.sum(axis=0) ** 2) / np.mean((left**2).sum(axis=0)))
+        return super().image_corners(fit_distortion)
 
     def draw_cells(self) -> None:
         """Draw every cell as bright as it looks: the place does not depend on a code that may be wrong."""

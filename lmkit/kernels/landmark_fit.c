@@ -13,7 +13,7 @@
 #include "plane.h"
 
 #define HEAD 18 /* of a decoding: turn, code, four energies left, inks */
-#define PRIORS 5
+#define PRIORS 6
 #define READ 1   /* phases */
 #define FINISH 2
 #define CORNERS 8

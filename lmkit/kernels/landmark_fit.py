@@ -182,7 +182,7 @@ class _Fit(ctypes.Structure):
         ("fine", _Steps),
         *((name, ctypes.c_double) for name in ("skew", "reach", "band", "near_share", "noise", "floor", "paper")),
         ("decoding", ctypes.c_double * 9),
-        ("priors", ctypes.c_double * 5),
+        ("priors", ctypes.c_double * 6),
         ("limits", ctypes.c_double * 5),
         ("promising", ctypes.c_double * 6),
         ("settled", ctypes.c_double * 3),

@@ -10,11 +10,13 @@
 #include "plane.h"
 #include "select.h"
 
-#define ROWS (STATE + 1 + INKS) /* slopes, residual, design */
+#define SHIFT 2 /* way of the red image from green, and of green from the blue one */
+#define ROWS (STATE + 1 + INKS + SHIFT) /* slopes, residual, design, slopes with the shift */
 #define DISTORTION 11 /* its place in the state */
 #define JETS (JET * INKS * BLOCK)
 
-/* What is fitted, and how strongly priors hold: ridge, distortion prior, shading prior, bleed prior, prior weight. */
+/* What is fitted, and how strongly priors hold: ridge, distortion prior, shading prior, bleed prior, prior weight, prior of
+ * the shift of colors, which is estimated where they have weights of their own. */
 typedef struct {
     Drawing drawing;
     const double *view, *rules;
@@ -250,6 +252,69 @@ static int row_of(int i)
     return i < DISTORTION ? i : i == DISTORTION ? STATE - 1 : i - 1;
 }
 
+/* Sums of a shift of colors, over the pixels of blue and red. */
+typedef struct {
+    lanes slopes[SHIFT][STATE + 1], own[SHIFT][SHIFT], seen[3][INKS][SHIFT];
+} ShiftSums;
+
+/* Rows of a color of which red lies `sign` times the shift from green: its slopes, and what they have with the others. */
+static void add_shift(ShiftSums *sum, const block by_x, const block by_y, float sign, int c, block *rows, int used)
+{
+    block *own = rows + STATE + 1 + INKS;
+    EACH {
+        own[0][i] = sign * by_x[i];
+        own[1][i] = sign * by_y[i];
+    }
+    for (int k = 0; k < SHIFT; k++) {
+        add_dots(sum->slopes[k], own[k], (const block *)rows, used + 1);
+        add_dots(sum->own[k], own[k], (const block *)own, k + 1);
+    }
+    for (int k = 0; k < INKS; k++)
+        add_dots(sum->seen[c][k], rows[STATE + 1 + k], (const block *)own, SHIFT);
+}
+
+/* Takes out what a shift of colors explains, beyond the inks; `projected`: the slopes' share in the inks.  Returns the
+ * fall of chi2. */
+static double take_out_shift(const ShiftSums *sum, const InkNormal *normals, double (*projected)[STATE][INKS], double precision, int used, double *normal, double *gradient)
+{
+    double S[SHIFT][STATE], K[SHIFT][SHIFT], g[SHIFT];
+    for (int k = 0; k < SHIFT; k++) {
+        for (int i = 0; i < STATE; i++)
+            S[k][i] = row_of(i) < used ? total(&sum->slopes[k][row_of(i)]) : 0.0;
+        g[k] = total(&sum->slopes[k][used]);
+        for (int j = 0; j < SHIFT; j++)
+            K[k][j] = total(&sum->own[k > j ? k : j][k > j ? j : k]) + (k == j ? precision : 0.0);
+    }
+    for (int c = 0; c < 3; c += 2) {
+        double own[SHIFT][INKS];
+        for (int k = 0; k < SHIFT; k++) {
+            for (int j = 0; j < INKS; j++)
+                own[k][j] = total(&sum->seen[c][j][k]);
+            solve_lower(normals[c].factor, INKS, own[k]);
+        }
+        for (int k = 0; k < SHIFT; k++)
+            for (int j = 0; j < INKS; j++) {
+                for (int i = 0; i < STATE; i++)
+                    S[k][i] -= own[k][j] * projected[c][i][j];
+                for (int m = 0; m < SHIFT; m++)
+                    K[k][m] -= own[k][j] * own[m][j];
+            }
+    }
+    const double det = K[0][0] * K[1][1] - K[0][1] * K[1][0];
+    const double inverse[SHIFT][SHIFT] = {{K[1][1] / det, -K[0][1] / det}, {-K[1][0] / det, K[0][0] / det}};
+    double fall = 0.0;
+    for (int k = 0; k < SHIFT; k++)
+        for (int m = 0; m < SHIFT; m++) {
+            fall += g[k] * inverse[k][m] * g[m];
+            for (int i = 0; i < STATE; i++) {
+                gradient[i] -= S[k][i] * inverse[k][m] * g[m];
+                for (int j = 0; j <= i; j++)
+                    normal[i * STATE + j] -= S[k][i] * inverse[k][m] * S[m][j];
+            }
+        }
+    return fall;
+}
+
 /* Error of a state whose jets are in scratch, and its slopes. */
 static int assemble(const Problem *p, const double *state, double *normal, double *gradient, double *error)
 {
@@ -266,6 +331,9 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     memset(sums, 0, sizeof sums);
     memset(seen, 0, sizeof seen);
     memset(gram, 0, sizeof gram);
+    ShiftSums shift;
+    if (p->cells)
+        memset(&shift, 0, sizeof shift);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
         block x, y, light, roots[3], move_x[8], move_y[8], rows[ROWS];
         Points points;
@@ -334,6 +402,8 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
                 add_dots(sums[k], rows[k], (const block *)rows, k + 1);
             for (int k = 0; k < INKS; k++)
                 add_dots(seen[c][k], rows[STATE + 1 + k], (const block *)rows, used);
+            if (p->cells && c != 1)
+                add_shift(&shift, by_x, by_y, (float)(c - 1), c, rows, used);
         }
     }
     /* Variable projection (Kaufman 1975): take out what the inks could explain. */
@@ -346,20 +416,23 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
             int a = row_of(i), b = row_of(j);
             normal[i * STATE + j] = a < used && b < used ? total(&sums[a > b ? a : b][a > b ? b : a]) : 0.0;
         }
+    double projected[3][STATE][INKS];
     for (int c = 0; c < 3; c++) {
-        double projected[STATE][INKS];
         for (int k = 0; k < STATE; k++) {
             for (int j = 0; j < INKS; j++)
-                projected[k][j] = total(&seen[c][j][row_of(k)]);
-            solve_lower(normals[c < weighings ? c : 0].factor, INKS, projected[k]);
+                projected[c][k][j] = row_of(k) < used ? total(&seen[c][j][row_of(k)]) : 0.0;
+            solve_lower(normals[c < weighings ? c : 0].factor, INKS, projected[c][k]);
         }
         for (int i = 0; i < STATE; i++)
             for (int j = 0; j <= i; j++)
                 for (int k = 0; k < INKS; k++)
-                    normal[i * STATE + j] -= projected[i][k] * projected[j][k];
+                    normal[i * STATE + j] -= projected[c][i][k] * projected[c][j][k];
     }
     for (int j = 0; j < STATE; j++)
         gradient[j] = row_of(j) < used ? total(&sums[used][row_of(j)]) : 0.0;
+    double chi2 = total(&sums[used][used]);
+    if (p->cells)
+        chi2 -= take_out_shift(&shift, normals, projected, p->rules[4] / (p->rules[5] * p->rules[5]), used, normal, gradient);
     double weight = p->rules[4], distortion = 1.0 / (p->rules[1] * p->rules[1]);
     double shading = 1.0 / (p->rules[2] * p->rules[2]), spill = 1.0 / (p->rules[3] * p->rules[3]);
     if (p->fit_distortion) {
@@ -378,7 +451,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     for (int i = 0; i < STATE; i++)
         for (int j = 0; j < i; j++)
             normal[j * STATE + i] = normal[i * STATE + j];
-    *error = (total(&sums[used][used]) + weight * prior_of(p, state)) / (3.0 * (double)p->n);
+    *error = (chi2 + weight * prior_of(p, state)) / (3.0 * (double)p->n);
     return isfinite(*error);
 }
 
@@ -532,8 +605,8 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                         memcpy(state, trial, sizeof trial);
                         return 1;
                     }
-                    /* Shorter steps often fail as the first one did, and then need no slopes. */
-                    better = attempt == 0 || (error_of(p, trial, &trial_error) && trial_error < *error);
+                    /* Shorter steps often fail as the first one did, and then need no slopes, unless a shift of colors does. */
+                    better = attempt == 0 || p->cells || (error_of(p, trial, &trial_error) && trial_error < *error);
                     better = better && linearize(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
                 }
             }
@@ -647,7 +720,7 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
                    double *error)
 {
     Problem plain = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_distortion, scratch);
-    double weighted_rules[5];
+    double weighted_rules[6];
     memcpy(weighted_rules, rules, sizeof weighted_rules);
     memcpy(robust_variance, variance, (size_t)n * sizeof *variance);
     float *misfit = scratch + blocks_of(n) * JETS, inks[3 * INKS];

@@ -22,6 +22,7 @@ FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
 
 BLOCK = 64
+BLUE_GREEN_RED = np.array([-1.0, 0.0, 1.0])  # signs of their displacement from green
 EVIDENT_BLOCKS = 10  # so few blocks of pixels, or fewer, tell the place of a mosaic's colors
 
 
@@ -67,13 +68,15 @@ class Hypothesis(NamedTuple):
 
 
 class Priors(NamedTuple):
-    """Standard deviations of distortion, shading and bias, the relative ridge of the inks, and the priors' weight."""
+    """Standard deviations of distortion, shading, bias and shift of colors, the relative ridge of the inks, and the
+    priors' weight."""
 
     ridge: float
     distortion: float
     shading: float
     bias: float
     weight: float
+    color_shift: float
 
 
 class Limits(NamedTuple):
@@ -168,7 +171,8 @@ def register(
     step where that is negligible.
 
     Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is down-weighted anew at
-    the beginning of every round.  From the second round on, so are values that a mosaic lacks.
+    the beginning of every round.  From the second round on, so are values that a mosaic lacks, and red and blue may
+    lie beside green: the lens or the demosaicer moved them, by as much to opposite sides.
     """
     kernel = _register_kernel()
     if kernel is None:
@@ -219,7 +223,11 @@ def linearize_numpy(
     fit_distortion: bool,
     color_roots: FloatArray | None = None,
 ) -> Linearization:
-    """Definition of :func:`linearize`; (N,3) roots of further weights, where colors have weights of their own."""
+    """Definition of :func:`linearize`; (N,3) roots of further weights, where colors have weights of their own.
+
+    Their images may then lie beside each other, blue and red by as much to opposite sides of green; this way is
+    eliminated as the inks are, and is none of the state.
+    """
     at, values = samples.at.T.astype(np.float64), samples.values.T.astype(np.float64)
     n = len(at)
     points, spread, A, radial = plane_numpy(view, state, at)
@@ -247,15 +255,24 @@ def linearize_numpy(
         J[11] = -(by_pixel[0] * radial[:, :1] + by_pixel[1] * radial[:, 1:])
     J[12:14] = -(drawn[0] / light) * (points.T[:, :, None] / view.half_mm)
     J[14] = -blends[0]
+    if color_roots is not None:
+        J = np.concatenate([J, [move * BLUE_GREEN_RED for move in by_pixel]])
     J *= root
-    flat = J.reshape(STATE, n * 3)
+    flat = J.reshape(len(J), n * 3)
     # Variable projection (Kaufman 1975): take out what the inks could explain.
     weighted = design * root.T[:, :, None]  # (3,N,4)
     gram = _with_ridge(weighted.transpose(0, 2, 1) @ weighted, priors.ridge)
     seen = np.linalg.solve(np.linalg.cholesky(gram), weighted.transpose(0, 2, 1) @ J.transpose(2, 1, 0))
-    by_inks = seen.transpose(2, 0, 1).reshape(STATE, -1)
+    by_inks = seen.transpose(2, 0, 1).reshape(len(J), -1)
     normal = flat @ flat.T - by_inks @ by_inks.T
     gradient = flat @ residual.ravel()
+    shifts, fall = normal[STATE:, :STATE], 0.0
+    if len(shifts):
+        own = normal[STATE:, STATE:] + priors.weight / priors.color_shift**2 * np.eye(2)
+        best = np.linalg.solve(own, np.column_stack([shifts, gradient[STATE:]]))
+        fall = float(gradient[STATE:] @ best[:, -1])
+        gradient = gradient[:STATE] - shifts.T @ best[:, -1]
+        normal = normal[:STATE, :STATE] - shifts.T @ best[:, :-1]
     precision = priors.weight / np.array([priors.distortion, priors.shading, priors.shading, priors.bias]) ** 2
     if not fit_distortion:
         precision[0] = 0.0
@@ -265,7 +282,8 @@ def linearize_numpy(
     normal[range(11), range(11)] += np.repeat([1e-6, 1e-3], [8, 3])
     prior = (state[11] / priors.distortion) ** 2 + np.sum((state[12:14] / priors.shading) ** 2)
     prior += (state[14] / priors.bias) ** 2
-    return Linearization(normal, gradient, float((np.sum(residual**2) + priors.weight * prior) / residual.size))
+    error = (np.sum(residual**2) - fall + priors.weight * prior) / residual.size
+    return Linearization(normal, gradient, float(error))
 
 
 def register_numpy(

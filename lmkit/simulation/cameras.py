@@ -27,6 +27,7 @@ class CameraKind:
         demosaics: methods of interpolation; empty for a sensor that sees three colors in every pixel.
         tones: tone curves.
         blur_px, corner_blur_px, lateral_color: of the lens.
+        color_shift_px: length of the lens's color shift, in any direction.
         full_well: electrons at full scale, drawn by its logarithm.
         saturation, contrast, denoise, sharpen, sharpen_px: of the development.
         jpeg_quality: of the file; None for lossless ones.
@@ -39,6 +40,7 @@ class CameraKind:
     blur_px: Range = (0.4, 0.9)
     corner_blur_px: Range = (0.0, 0.0)
     lateral_color: Range = (0.0, 0.0)
+    color_shift_px: Range = (0.0, 0.0)
     full_well: Range = (3000.0, 15000.0)
     saturation: Range = (1.0, 1.0)
     contrast: Range = (1.0, 1.0)
@@ -70,7 +72,11 @@ class CameraKind:
             jpeg_quality=None if self.jpeg_quality is None else int(rng.integers(*self.jpeg_quality)),
             chroma=self.chroma,
         )
-        return ImagingChain(lens, Light(brightness=float(rng.uniform(0.3, 0.9))), sensor, development)
+        light = Light(brightness=float(rng.uniform(0.3, 0.9)))
+        if any(self.color_shift_px):
+            length, way = rng.uniform(*self.color_shift_px), rng.uniform(0, 2 * np.pi)
+            lens = replace(lens, color_shift_px=(float(length * np.cos(way)), float(length * np.sin(way))))
+        return ImagingChain(lens, light, sensor, development)
 
 
 INDUSTRIAL = CameraKind("industrial", ("bilinear", "malvar"), ("srgb", "gamma"))

@@ -40,6 +40,7 @@ class Lens:
         corner_blur_px: standard deviation of the blur that the image's corners have beside it; it grows with the
             square of the distance from the middle.
         lateral_color: how much larger than green the red image is and smaller the blue one, relative.
+        color_shift_px: (x, y) way from the green image to the red one, and from the blue to the green one.
     """
 
     blur_px: float = 0.6
@@ -47,6 +48,7 @@ class Lens:
     motion_px: tuple[float, float] = (0.0, 0.0)
     corner_blur_px: float = 0.0
     lateral_color: float = 0.0
+    color_shift_px: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,9 @@ def focus(radiance: Float32Array, lens: Lens) -> Float32Array:
     image = box_mean(radiance, OVERSAMPLE)
     if lens.corner_blur_px > 0:
         image = _blurred_in_corners(image, lens.corner_blur_px)
-    return image if lens.lateral_color == 0 else _with_lateral_color(image, lens.lateral_color)
+    if lens.lateral_color == 0 and not any(lens.color_shift_px):
+        return image
+    return _with_displaced_colors(image, lens)
 
 
 def light_up(image: Float32Array, light: Light) -> FloatArray:
@@ -318,13 +322,14 @@ def _blurred_in_corners(image: Float32Array, sigma: float) -> Float32Array:
     return np.asarray(image + share * (cv2.GaussianBlur(image, (0, 0), sigma) - image), dtype=np.float32)
 
 
-def _with_lateral_color(image: Float32Array, factor: float) -> Float32Array:
-    """(H,W,3) RGB with red enlarged and blue shrunk about the middle."""
+def _with_displaced_colors(image: Float32Array, lens: Lens) -> Float32Array:
+    """(H,W,3) RGB with red enlarged about the middle and moved, and blue shrunk and moved the other way."""
     height, width = image.shape[:2]
-    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    middle, shift = np.array([(width - 1) / 2, (height - 1) / 2]), np.array(lens.color_shift_px)
     channels = []
-    for channel, scale in zip(cv2.split(image), (1 + factor, 1.0, 1 - factor), strict=True):
-        warp = np.column_stack([scale * np.eye(2), (1 - scale) * middle])
+    for channel, sign in zip(cv2.split(image), (1, 0, -1), strict=True):
+        scale = 1 + sign * lens.lateral_color
+        warp = np.column_stack([scale * np.eye(2), (1 - scale) * middle + sign * shift])
         channels.append(
             cv2.warpAffine(channel, warp, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         )

@@ -67,6 +67,18 @@ def test_reads_code_and_corners(family: str) -> None:
     assert np.sqrt(np.diag(found[0].covariance)).max() < 0.3
 
 
+def test_errors_that_all_channels_share_count_once() -> None:
+    """Noise of the same size in all channels: its own in each, or one for all; in an image that is not gray."""
+    clean, rng = photograph("tag36h11", 11, noise=0.0) * (0.9, 1.0, 0.95), np.random.default_rng(4)
+    own, shared = rng.normal(0, 3, clean.shape), rng.normal(0, 3, (*clean.shape[:2], 1))
+    stated = []
+    for noise in (own, shared):
+        (found,) = lmkit.detect(np.clip(np.round(clean + noise), 0, 255).astype(np.uint8), "tag36h11")
+        assert found.covariance is not None
+        stated.append(np.trace(found.covariance))
+    assert stated[1] > 1.5 * stated[0]
+
+
 @pytest.mark.parametrize("inside", [0.1, 0.3, 0.7])
 @pytest.mark.parametrize("family", ["tag16h5", "tag36h11"])
 def test_light_around_need_not_be_the_white_of_the_cells(family: str, inside: float) -> None:

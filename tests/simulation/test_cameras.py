@@ -94,6 +94,24 @@ def test_lateral_color_moves_red_outwards_and_blue_inwards():
     assert x[2] < x[1] - 0.2
 
 
+def test_a_color_shift_moves_red_and_blue_to_opposite_sides_of_green():
+    size = 20 * OVERSAMPLE
+    spot = np.zeros((size, size, 3), np.float32)
+    spot[size // 2, size // 2] = 1.0
+    image = focus(spot, Lens(blur_px=1.0, color_shift_px=(0.3, -0.2)))
+    y, x = (np.tensordot(index, image, axes=2) / image.sum(axis=(0, 1)) for index in np.indices((20, 20)))
+    # OpenCV's cubic interpolation moves a spot by up to 0.05 px too far.
+    assert np.allclose([x[0] - x[1], y[0] - y[1]], [0.3, -0.2], atol=0.06)
+    assert np.allclose([x[2] - x[1], y[2] - y[1]], [-0.3, 0.2], atol=0.06)
+
+
+def test_a_kind_draws_the_length_of_its_color_shift():
+    kind = replace(TRAINING_KINDS[0], color_shift_px=(0.1, 0.1))
+    shifts = [kind.draw(np.random.default_rng(seed)).lens.color_shift_px for seed in range(2)]
+    assert np.allclose(np.hypot(*np.transpose(shifts)), 0.1)
+    assert shifts[0] != shifts[1]
+
+
 def test_cameras_are_drawn_from_the_seed_alone():
     one, other = (draw_chain(np.random.default_rng(8), TRAINING_KINDS) for _ in range(2))
     assert one == other
