@@ -7,7 +7,7 @@ odometry's parameters its border (`optim/block_chain.py`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -135,6 +135,7 @@ class BundleProblem:
         self._put_back: tuple[tuple[Any, ...], FloatArray] | None = None
         self._blocks: tuple[BlockPattern, IntArray] | None = None
         self._linearized: tuple[tuple[Any, ...], tuple[ChainEquations, float]] | None = None
+        self._converged = False  # an adjustment ended there
 
     def carry(self) -> bool:
         """Carry cameras that expose at other times than their frames; False where there are none.
@@ -169,15 +170,20 @@ class BundleProblem:
         if isinstance(self.seen, ObservationArrays):
             self.seen = StoredObservations.write(self.seen, path)
 
-    def optimize(self, steps: int, least_share: float = 0.0) -> float:
+    def optimize(self, steps: int, least_share: float = 0.0, until: Callable[[State], bool] | None = None) -> float:
         """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops.
 
         Args:
             steps: at most so many.
             least_share: of the cost; a step that lowers it by less is the last one.
+            until: a state that needs no further step.
         """
-        end = minimize(self, self.state(), steps, CONVERGED, DAMPING, least_share)
+        cost = self.cost()
+        if self._converged:
+            return cost
+        end = minimize(self, self.state(), steps, CONVERGED, DAMPING, least_share, until)
         self.restore(end.state)
+        self._converged = end.gain is not None and end.gain < CONVERGED
         return end.cost
 
     def linearize(self, state: State) -> tuple[ChainEquations, float]:
@@ -186,7 +192,7 @@ class BundleProblem:
         by = self.faces, self.used, self.motion_scale, self.seen, self.slip_sigma
         at = (*self.own_state(), self.lm_R, self.lm_p, *by)
         if self._linearized is None or any(a is not b for a, b in zip(self._linearized[0], at, strict=True)):
-            self._linearized = None
+            self._linearized, self._converged = None, False
             self._linearized = at, self._equations()
         return self._linearized[1]
 

@@ -9,11 +9,13 @@ either end: that is ambiguous as well.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.geometry.rotations import rotation_exp, rotation_log
-from lmkit.mapping.bundle_adjustment import BundleProblem
+from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
+from lmkit.mapping.bundle_adjustment import BundleProblem, State
 
 HOPEFUL = 30.0  # of a second pose's cost above the landmark's, while the rig keeps to the landmark
 MOST_TRIED = 8
@@ -39,9 +41,10 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
         cost = problem.cost() if cost is None else cost
         off = _apart(R[k], p[k], before.lm_R[k], before.lm_p[k])
         problem.put(k, R[k], p[k])
-        there = problem.optimize(SETTLING)
+        is_back = partial(_is_turned_back, before.lm_R[k], k)
+        there = problem.optimize(SETTLING, until=is_back)
         settled = _apart(problem.lm_R[k], problem.lm_p[k], before.lm_R[k], before.lm_p[k])
-        if np.linalg.norm(settled[3:]) < DIFFERENT_RAD:
+        if is_back(problem.state()):
             # Back where it was: what is left is how flat the way there is.
             problem.restore(before)
             apart, worth = off, float(worse[k])
@@ -59,6 +62,11 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
 def _apart(R: FloatArray, p: FloatArray, R_other: FloatArray, p_other: FloatArray) -> FloatArray:
     """(6,) from one pose to another: place (m), turn about the map's axes (rad)."""
     return np.concatenate([p - p_other, rotation_log(R @ R_other.T)])
+
+
+def _is_turned_back(R: FloatArray, k: int, state: State) -> bool:
+    """True where landmark k is turned as before, R (3,3): it is no second pose, however the adjustment goes on."""
+    return rotation_angle(state.lm_R[k] @ R.T) < DIFFERENT_RAD
 
 
 def _spread(apart: FloatArray, worse: float) -> FloatArray:

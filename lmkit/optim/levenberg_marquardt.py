@@ -102,6 +102,7 @@ def minimize(
     least_gain: float,
     rule: Damping | None = None,
     least_share: float = 0.0,
+    until: Callable[[State], bool] | None = None,
 ) -> Iterate[State, Equations]:
     """Minimize from a start.
 
@@ -109,12 +110,15 @@ def minimize(
         steps: at most so many are tried.
         least_gain, least_share: a step that lowers the cost by less than this, or less than this share of it, is the
             last one.
+        until: a state that needs no further step.
     """
     rule = rule or Damping()
     now = start_at(problem, state, rule.start)
     for _ in range(steps):
         now = try_step(problem, now, rule)
         if now.damping > rule.most or (now.gain is not None and now.gain < max(least_gain, least_share * now.cost)):
+            break
+        if until is not None and until(now.state):
             break
     return now
 

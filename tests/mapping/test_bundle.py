@@ -30,6 +30,23 @@ def test_without_odometry_a_frame_that_sees_nothing_lies_between_its_neighbors()
     assert problem.p[2] == pytest.approx((problem.p[1] + problem.p[3]) / 2, abs=0.02)
 
 
+def test_an_adjustment_that_converged_is_not_repeated_until_something_changes(monkeypatch):
+    drive = make_drive(2, seconds=10)
+    known = {m.id: Anchor(m, None) for m in drive.landmarks}
+    poses = true_poses(drive, range(len(drive.frames)))
+    problem = BundleProblem(drive.frames, drive.rig, poses, drive.landmarks, known)
+    solved = []
+    monkeypatch.setattr(problem, "solve", lambda e, damping: solved.append(damping) or e.solve(damping))
+    cost = problem.optimize(30)
+    steps = len(solved)
+    assert steps > 0
+    assert problem.optimize(30) == cost
+    assert len(solved) == steps
+    problem.used = problem.used & (np.arange(len(problem.used)) > 5)
+    assert problem.optimize(30) < cost
+    assert len(solved) > steps
+
+
 @pytest.mark.parametrize(("seconds", "named"), [(1.4, True), (20.0, False)])
 def test_without_odometry_a_jump_over_a_time_without_views_is_named_where_no_robot_moves_so_far(seconds, named):
     drive = make_drive(2, seconds=40)

@@ -44,6 +44,18 @@ def test_a_step_never_raises_the_cost(x, y, damping):
         assert after.state is now.state
 
 
+def test_the_loop_ends_at_the_first_state_that_needs_no_further_step():
+    start, passed = np.array([-1.0, 2.0]), []
+
+    def is_there(state):
+        passed.append(state[0])
+        return state[0] > 0
+
+    end = minimize(Rosenbrock(), start, 200, 1e-12, until=is_there)
+    assert all(x <= 0 for x in passed[:-1])
+    assert 0 < end.state[0] == passed[-1] < 0.99
+
+
 class Undetermined(Rosenbrock):
     def solve(self, equations, damping):
         raise np.linalg.LinAlgError("singular")
