@@ -305,6 +305,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--plots", type=Path)
     parser.add_argument("--lines", type=Path, help="write every trial as a JSON line")
+    parser.add_argument("--jobs", type=int, help="processes; as many as processors unless given")
     options = parser.parse_args()
     photos = backgrounds(options.photos)
     jobs = [
@@ -315,7 +316,7 @@ def main() -> None:
     ]
     work = partial(trial, tuple(photos), tuple(options.readers))
     # Spawned, not forked: OpenCV's threads do not survive a fork.
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(options.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         lines = [line for some in pool.map(work, jobs, chunksize=8) for line in some]
     if options.lines:
         options.lines.write_text("".join(json.dumps(line) + "\n" for line in lines))

@@ -80,6 +80,7 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=24)
     parser.add_argument("--seed", type=int, default=700)
     parser.add_argument("--plots", type=Path)
+    parser.add_argument("--jobs", type=int, help="processes; as many as processors unless given")
     options = parser.parse_args()
     photos = backgrounds(options.photos)
     jobs = [
@@ -89,7 +90,7 @@ def main() -> None:
         for side in SIDES_PX
         for k in range(options.n)
     ]
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(options.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         lines = list(pool.map(partial(trial, photos), jobs, chunksize=8))
     print(
         "| family | codes | distance | side at 50 / 95 %, px | at 45 deg | wrong codes | wrong with no code margin |"

@@ -97,10 +97,11 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=120, help="scenes of each kind")
     parser.add_argument("--seed", type=int, default=5000)
     parser.add_argument("--profile", choices=list(PROFILES), default="balanced")
+    parser.add_argument("--jobs", type=int, help="processes; as many as processors unless given")
     options = parser.parse_args()
     jobs = [(kind, options.seed + k) for kind in KINDS for k in range(options.n)]
     work = partial(trial, DetectOptions(config=PROFILES[options.profile]))
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(options.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         answers = list(pool.map(work, jobs, chunksize=8))
     print("| hidden by | gaps | n | read | wrong |")
     print("|---|---|---|---|---|")
