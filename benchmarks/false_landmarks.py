@@ -9,11 +9,13 @@ recording a code that is mounted nowhere is read:
 - ``1 of 1``: in place of a true landmark, in one frame, by one camera or by both,
 - ``2 ... 8``: in place of the same landmark, in so many frames by both cameras,
 - ``two places``: in place of two landmarks, in one frame each,
-- ``look-alike``: a print on a wall that reads as a code in a share of the frames in which it is in view.
+- ``look-alike``: a print on a wall that reads as a code in a share of the frames in which it is in view,
+- ``second place``: the same, and the code is mounted elsewhere in the room.
 
-A false code is kept out (named, with its reason), not placed (named as well), or it is in the map.  "Lost" are true
-landmarks that the map has without false readings, and lacks with them; "moved" are those that are elsewhere by over
-1 cm.
+A false code is kept out (named, with its reason), not placed (named as well), or it is in the map.  A code with a
+second place is "in the map" if its landmark is over 10 cm from where it is mounted, "named" if it is where it is
+mounted and the survey says that readings contradict it, and "dropped" if nothing is said.  "Lost" are true landmarks
+that the map has without false readings, and lacks with them; "moved" are those that are elsewhere by over 1 cm.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from lmkit.model.recording import RigFrame
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.recording import Drive, make_drive
 
-SECONDS, HZ, LANDMARKS, MOVED_M = 25.0, 2.5, 14, 0.01
+SECONDS, HZ, LANDMARKS, MOVED_M, ELSEWHERE_M = 25.0, 2.5, 14, 0.01, 0.1
 Spoil = Callable[[Drive, LandmarkId, LandmarkId, np.random.Generator], list[RigFrame]]  # drive, wrong code, known one
 
 
@@ -97,6 +99,25 @@ def look_alike(share: float) -> Spoil:
     return spoiled
 
 
+def second_place(share: float) -> Spoil:
+    """A look-alike of the code of another landmark."""
+
+    def spoiled(drive: Drive, wrong: LandmarkId, known: LandmarkId, rng: np.random.Generator) -> list[RigFrame]:
+        often = [m.id for m in drive.landmarks if m.id != known and len(frames_of(drive, m.id)) >= 5]
+        print_, mounted = (often[k] for k in rng.permutation(len(often))[:2])
+        frames = []
+        for frame in drive.frames:
+            reads = rng.uniform() < share
+            kept = tuple(
+                tuple(replace(o, id=mounted) if o.id == print_ else o for o in found if reads or o.id != print_)
+                for found in frame.seen
+            )
+            frames.append(replace(frame, seen=kept))
+        return frames
+
+    return spoiled
+
+
 def at_random(share: float) -> Spoil:
     """Each reading of a camera is that of any other code, in a share of them."""
 
@@ -129,6 +150,9 @@ KINDS: dict[str, Spoil] = {
     "look-alike, 5 % of frames": look_alike(0.05),
     "look-alike, 20 % of frames": look_alike(0.2),
     "look-alike, all frames": look_alike(1.0),
+    "second place, 5 % of frames": second_place(0.05),
+    "second place, 20 % of frames": second_place(0.2),
+    "second place, all frames": second_place(1.0),
 }
 
 
@@ -136,6 +160,20 @@ def surveyed(drive: Drive, frames: Sequence[RigFrame], anchor: Anchor) -> Survey
     sizes = {o.id: anchor.landmark.size_m for frame in frames for o in frame.detections}
     motion = MotionModel(drive.odometry, drive.gyro)
     return survey_frames(frames, drive.rig, sizes, {anchor.landmark.id: anchor}, motion)
+
+
+def fate(id_: LandmarkId, result: Survey, drive: Drive) -> str:
+    """Fate of a false code, or of a code that is read in a false place as well."""
+    if id_ in {one.id for one in result.kept_out}:
+        return "kept out"
+    if id_ in result.unplaced:
+        return "not placed"
+    found, true = result.landmarks.find(id_), drive.landmarks.find(id_)
+    if found is None:
+        return "dropped"
+    if true is None or np.linalg.norm(found.T_map_landmark.t - true.T_map_landmark.t) > ELSEWHERE_M:
+        return "in the map"
+    return "named" if id_ in {one.id for one in result.contradicted} else "dropped"
 
 
 def outcome(drive: Drive, clean: Survey, anchor: Anchor, spoil: Spoil, rng: np.random.Generator) -> Outcome | None:
@@ -146,21 +184,12 @@ def outcome(drive: Drive, clean: Survey, anchor: Anchor, spoil: Spoil, rng: np.r
     )
     frames = spoil(drive, wrong, anchor.landmark.id, rng)
     readings = {o.id for frame in frames for o in frame.detections}
-    false = sorted(readings - mounted)
+    made = {id(o) for frame in drive.frames for o in frame.detections}
+    false = sorted({o.id for frame in frames for o in frame.detections if id(o) not in made})
     if not false:
         return None
     result = surveyed(drive, frames, anchor)
-    kept_out = {one.id for one in result.kept_out}
-    became = tuple(
-        "kept out"
-        if id_ in kept_out
-        else "not placed"
-        if id_ in result.unplaced
-        else "in the map"
-        if id_ in result.landmarks
-        else "dropped"
-        for id_ in false
-    )
+    became = tuple(fate(id_, result, drive) for id_ in false)
     # What a look-alike stands for was never read.
     true = [m for m in clean.landmarks if m.id in readings]
     found = {m.id: m.T_map_landmark.t for m in result.landmarks}
@@ -174,7 +203,7 @@ def main() -> None:
     parser.add_argument("--rooms", type=int, default=30)
     parser.add_argument("--first", type=int, default=0)
     given = parser.parse_args()
-    names = ("kept out", "not placed", "dropped", "in the map")
+    names = ("kept out", "not placed", "named", "dropped", "in the map")
     rows: dict[str, list[Outcome]] = {kind: [] for kind in KINDS}
     for seed in range(given.first, given.first + given.rooms):
         drive = make_drive(seed, seconds=SECONDS, hz=HZ, count=LANDMARKS)
@@ -186,7 +215,7 @@ def main() -> None:
             if one is not None:
                 rows[kind].append(one)
     print(f"| false code | recordings | codes | {' | '.join(names)} | true landmarks: lost, moved, of |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|")
     for kind, all_ in rows.items():
         codes = [name for one in all_ for name in one.became]
         became = " | ".join(str(codes.count(name)) for name in names)

@@ -26,6 +26,7 @@ from lmkit.mapping.moved_known_landmarks import KnownView, find_moved, moved_thr
 from lmkit.mapping.moved_landmark import MovedLandmark
 from lmkit.mapping.moved_landmarks import split_tests
 from lmkit.mapping.observation_noise import noise_factor
+from lmkit.mapping.reading_rate import LocatedFrames
 from lmkit.mapping.recording_group import RecordingGroup, Version
 from lmkit.mapping.survey import (
     OUTLIER_SIGMA,
@@ -334,14 +335,14 @@ class JointSolver:
 
     def _doubtful(self, current: Sequence[MappedLandmark], order: Sequence[int]) -> tuple[KeptOut, ...]:
         """Landmarks that too few frames of all recordings support."""
-        times = {}
+        recordings = [LocatedFrames.of(one.solved.problem, one.rig) for one in self.group.lone]
+        # Of several versions of a landmark the current one is asked.
         for m, number in zip(current, order, strict=True):
-            times[m.id] = [np.zeros(0) for _ in self.problems]
-            for recording, row in self.group.versions[number].members:
-                problem = self.problems[recording]
-                at = np.unique(problem.seen.at[(problem.seen.of == row) & problem.used])
-                times[m.id][recording] = problem.times[at]
-        return doubtful_landmarks(current, times, {*self.known, *self.anchors})
+            members = {recording for recording, _ in self.group.versions[number].members}
+            for k, recording in enumerate(recordings):
+                if k not in members:
+                    recording.read.pop(m.id, None)
+        return doubtful_landmarks(current, recordings, {*self.known, *self.anchors})
 
     def _covariance(self, noise: Sequence[float]) -> FloatArray:
         """Joint covariance of all versions, with a factor of the variances of each recording's observations."""

@@ -4,15 +4,17 @@ A reading's confidence says how often such readings are right, and two readings 
 no doubt that it is mounted there, if they err independently.  Those of one frame do not: both cameras look at the
 same print in the same light.  So frames are counted.  A code that stands in the place of another one is a misreading
 of that, if the other is read ten times as often, or twice as often and before and after it: a landmark that took the
-place of another one is read after that.
+place of another one is read after that.  A code that is read now and then, in full view, is that of a print which
+looks like a landmark (`reading_rate.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from lmkit.arrays import FloatArray
+from lmkit.mapping.reading_rate import LocatedFrames, neighbors_read
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.landmark_overlap import overlaps
@@ -21,6 +23,8 @@ LEAST_FRAMES = 2
 RARE = 0.1  # of the frames of the landmark in whose place it stands
 # The same, of a code that is read between readings of that landmark; and the share of its own frames which lie so.
 RARE_BETWEEN, BETWEEN = 0.5, 0.5
+# Frames next to readings in which a landmark should be read; and the share of them in which it is, at least.
+LEAST_BESIDE, STEADY = 8, 0.5
 
 
 @dataclass(frozen=True)
@@ -47,17 +51,18 @@ class KeptOut:
 
 def doubtful_landmarks(
     landmarks: Iterable[MappedLandmark],
-    times: Mapping[LandmarkId, Sequence[FloatArray]],
+    recordings: Sequence[LocatedFrames],
     known: Collection[LandmarkId],
 ) -> tuple[KeptOut, ...]:
     """Landmarks that are not to be believed.
 
     Args:
-        times: of the frames in which an observation fits each landmark, seconds, in each recording.
+        recordings: of the place, in the frame of the landmarks.
         known: landmarks that are known beforehand, or define the frame; those are believed.
     """
     landmarks = list(landmarks)
-    frames = {m.id: sum(map(len, times.get(m.id, ()))) for m in landmarks}
+    times = {m.id: [recording.times_of(m.id) for recording in recordings] for m in landmarks}
+    frames = {m.id: sum(map(len, times[m.id])) for m in landmarks}
     found = {
         m.id: "it was read in one frame only, and may be a misreading"
         for m in landmarks
@@ -71,6 +76,15 @@ def doubtful_landmarks(
         between = _between(times[rare], times[often])
         if few <= RARE * many or (few <= RARE_BETWEEN * many and between >= BETWEEN * few):
             found[rare] = f"it was read in {few} frames in the place of {often}, which was read in {many}"
+    for m in landmarks:
+        if m.id in known or m.id in found:
+            continue
+        beside, read = neighbors_read(m, recordings)
+        if beside >= LEAST_BESIDE and read < STEADY * beside:
+            found[m.id] = (
+                f"in full view just before and after readings it was read {read} of {beside} times, and may be a "
+                "print that looks like a landmark, or be dirty or damaged"
+            )
     return tuple(KeptOut(id_, reason) for id_, reason in sorted(found.items()))
 
 

@@ -32,6 +32,7 @@ from lmkit.mapping.motion_rows import NEVER, SLIP_SIGMA
 from lmkit.mapping.moved_landmark import THIS_RECORDING, MovedLandmark
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
+from lmkit.mapping.reading_rate import LocatedFrames
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.mapping.survey_results import ContradictedLandmark, Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, strays
@@ -76,17 +77,18 @@ def survey_frames(
     known = solve_by_known(solve, anchors)
     result = survey_of(known.solved, known.anchors, constraints)
     if not keep_doubtful:
-        result = _without_doubtful(result, {*known.solved.start.anchors, *anchors})
+        seen = LocatedFrames.of(known.solved.problem, rig)
+        result = _without_doubtful(result, seen, {*known.solved.start.anchors, *anchors})
     moved = moved_since_known(result, anchors, known.released)
     current = {one.after.id: one.after for one in moved}
     landmarks = LandmarkMap([*(current.get(m.id, m) for m in result.landmarks), *(one.before for one in moved)])
     return replace(result, landmarks=landmarks, moved=moved, disputed=known.disputed)
 
 
-def _without_doubtful(result: Survey, known: Collection[LandmarkId]) -> Survey:
+def _without_doubtful(result: Survey, seen: LocatedFrames, known: Collection[LandmarkId]) -> Survey:
     """The survey without landmarks that too few frames support."""
     bundle = result.bundle
-    kept_out = doubtful_landmarks(bundle.landmarks, times_that_fit(bundle), known)
+    kept_out = doubtful_landmarks(bundle.landmarks, [seen], known)
     out = {one.id for one in kept_out}
     return replace(
         result,
@@ -98,14 +100,6 @@ def _without_doubtful(result: Survey, known: Collection[LandmarkId]) -> Survey:
         off_constraint=tuple(one for one in result.off_constraint if one[0] not in out),
         kept_out=kept_out,
     )
-
-
-def times_that_fit(bundle: Bundle) -> dict[LandmarkId, list[FloatArray]]:
-    """Times of the frames in which an observation fits each landmark, in this one recording."""
-    fits = bundle.residuals < OUTLIER_SIGMA
-    return {
-        id_: [bundle.times_s[np.unique(bundle.frames[fits & (bundle.of == k)])]] for k, id_ in enumerate(bundle.ids)
-    }
 
 
 def moved_since_known(

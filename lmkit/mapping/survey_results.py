@@ -205,6 +205,13 @@ def disputed_text(ids: Sequence[LandmarkId]) -> str:
     )
 
 
+def jump_landmarks(bundle: Bundle, from_s: float, to_s: float) -> str:
+    """Landmarks seen in the frames before and after a jump, in parentheses."""
+    during = (bundle.times_s >= from_s) & (bundle.times_s <= to_s)
+    seen = sorted({bundle.ids[k] for k in bundle.of[during[bundle.frames]].tolist()})
+    return f" ({ids_text(seen)})" if seen else ""
+
+
 def survey_warnings(
     result: Survey, motion: Motion | None, constraints: Sequence[LandmarkConstraint], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
@@ -221,9 +228,11 @@ def survey_warnings(
     if doubt is not None:
         texts.append(doubt)
     for from_s, to_s, meters in result.bundle.jumps:
+        seen = jump_landmarks(result.bundle, from_s, to_s)
         texts.append(
             f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {meters:.2f} m: it slid or was carried, or a "
-            "landmark seen there was moved, or is placed by the wrong one of its two poses; look from another side"
+            f"landmark seen there{seen} was moved, or is placed by the wrong one of its two poses; "
+            "look from another side"
         )
     if motion is None:
         texts += [str(hinge) for hinge in hinges_of(result.bundle)]

@@ -8,7 +8,9 @@ import pytest
 from lmkit.geometry.pose_array import PoseArray
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.survey import survey_frames
+from lmkit.mapping.survey_results import jump_landmarks
 from lmkit.mapping.wall_constraints import LandmarkConstraint
+from lmkit.model.landmark_id import ids_text
 from lmkit.simulation.recording import make_drive
 
 
@@ -58,6 +60,9 @@ def test_without_odometry_a_jump_over_a_time_without_views_is_named_where_no_rob
     result = survey_frames([*before, *late], drive.rig, dict.fromkeys(known, 0.18), known)
     jump_lengths = [round(to - since, 1) for since, to, _ in result.bundle.jumps]
     assert jump_lengths == ([seconds] if named else [])
+    between = sorted({o.id for frame in (before[-1], late[0]) for o in frame.detections})
+    for since, to, _ in result.bundle.jumps:
+        assert jump_landmarks(result.bundle, since, to) == f" ({ids_text(between)})"
 
 
 def test_the_step_is_downhill_of_what_walls_and_heights_cost():

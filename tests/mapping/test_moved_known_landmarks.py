@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.pose_array import PoseArray
 from lmkit.mapping import known_survey
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_survey import joint_warnings
 from lmkit.mapping.landmark_support import doubtful_landmarks
 from lmkit.mapping.moved_known_landmarks import is_surveyed
+from lmkit.mapping.reading_rate import LocatedFrames
 from lmkit.mapping.several_recordings import NamedRecording, survey_recordings
 from lmkit.mapping.survey import anchors_of, survey_frames
 from lmkit.model.landmark_id import LandmarkId
@@ -172,10 +174,12 @@ def frames(count, from_s=0.0, to_s=30.0):
 def test_too_few_frames_are_no_landmark(times, known, out):
     places = {1: 0.0, 2: 1.0, 3: 0.03}  # the third stands in the place of the first
     ids = {code: LandmarkId("lm8", code) for code in places}
+    every = np.unique(np.concatenate(list(times.values())))
+    nowhere = PoseArray("map", "left", np.tile(np.eye(3), (len(every), 1, 1)), np.zeros((len(every), 3)))
+    read = {ids[code]: np.searchsorted(every, at) for code, at in times.items()}
+    recording = LocatedFrames(every, nowhere, drive().rig, np.zeros((len(every), 2), dtype=bool), read)
     found = doubtful_landmarks(
-        [mapped(code, places[code]) for code in times],
-        {ids[code]: [at] for code, at in times.items()},
-        {ids[code] for code in known},
+        [mapped(code, places[code]) for code in times], [recording], {ids[code] for code in known}
     )
     assert [one.id.code for one in found] == out
     assert all("--keep-doubtful" in str(one) for one in found)
@@ -194,3 +198,23 @@ def test_one_misreading_of_one_frame_is_kept_out_of_the_map_and_named(seen, keep
     assert (result.landmarks.find(wrong) is not None) == keep
     assert [one.id for one in result.kept_out] == ([] if keep else [wrong])
     assert wrong not in {m.id for m in result.bundle.landmarks} or keep
+
+
+@pytest.mark.parametrize(
+    ("hidden", "out"), [("all but every fifth frame", True), ("half of its frames in a row", False)]
+)
+def test_a_print_that_is_read_now_and_then_in_full_view_is_kept_out(hidden, out):
+    made = make_drive(SEED, seconds=25, hz=2.5, landmarks=ROOM)
+    known, doubted = most_seen(made)[:2]
+    rows = [k for k, frame in enumerate(made.frames) if any(o.id == doubted for o in frame.detections)]
+    kept = set(rows[1::5] if out else rows[: len(rows) // 2])
+    assert len(rows) > 12
+    frames_ = [
+        frame
+        if k in kept
+        else replace(frame, seen=tuple(tuple(o for o in camera if o.id != doubted) for camera in frame.seen))
+        for k, frame in enumerate(made.frames)
+    ]
+    result = survey(made, {known: Anchor(ROOM.find(known), None)}, frames_)
+    assert [one.id for one in result.kept_out] == ([doubted] if out else [])
+    assert (result.landmarks.find(doubted) is None) == out
