@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
     from lmkit.model.floor_plan import FloorPlan
 
+SMALL_FLOOR_M2 = 2.0  # of a robot's floor; a smaller one has the wrong scale, such as millimeters for meters
+
 
 def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     """Read a rig that has its pose on the robot.
@@ -56,6 +58,9 @@ def read_ground(
     floor = read_floor(path, scale, drawing)
     for text in drawing_warnings(floor.islands, floor.free, floor.cell_m):
         warn(text)
+    free_m2 = float(floor.free.sum()) * floor.cell_m**2
+    if scale is not None and free_m2 < SMALL_FLOOR_M2:
+        warn(f"{path}: the free floor is {free_m2:.2g} m2; check --scale {scale:g}")
     return floor
 
 

@@ -138,3 +138,15 @@ def test_an_image_needs_a_scale(lmkit, files, tmp_path):
     (tmp_path / "f.png").write_bytes(b"")
     done = lmkit("plan", "coverage", "--floor", "f.png", "--rig", "rig.yaml", "--map", "map.yaml")
     assert (done.code, "--scale" in done.err) == (2, True)
+
+
+def test_a_floor_that_is_too_small_for_a_robot_has_its_scale_questioned(lmkit, files, tmp_path):
+    (tmp_path / "plan.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="200" height="200">'
+        '<path fill="none" stroke="#000" d="M 20 20 H 140 V 100 H 20 Z"/></svg>'
+    )
+    asked = ("plan", "coverage", "--floor", "plan.svg", "--map", "map.yaml", "--rig", "rig.yaml", "-o", "c.png")
+    done = lmkit(*asked, "--scale", "0.01")
+    assert "check --scale 0.01" in done.err
+    done = lmkit(*asked, "--scale", "0.05")
+    assert "--scale" not in done.err

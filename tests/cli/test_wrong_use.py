@@ -477,3 +477,21 @@ def test_a_folder_for_annotations_named_as_a_file_is_refused(lmkit, tmp_path, co
     image = saved_image(tmp_path / "a.png")
     assert_refused(lmkit(command, image, "--annotate", name), f"--annotate {name}", "folder")
     assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["convert", "rig.yaml", "-o", "x.yaml"], ["'--to'", "Output format: lmkit, opencv, ros or kalibr"]),
+        (["plan", "coverage"], ["'--floor'", "Floor plan: lmkit-floor/1", "see lmkit plan coverage --help"]),
+        (["evaluate"], ["'TRUTH'", "True trajectory: TUM"]),
+        (
+            ["track", "--map", "map.yaml", "-o", "drive.tum"],
+            ["-o", "writes files with --tum, --csv, --plan, --report"],
+        ),
+        (["plan", "route", "1,1", "2,2", "--output", "route.png"], ["--output", "--plan, --csv, --tum"]),
+        (["doctor", "-o", "x"], ["No such option: -o; see"]),
+    ],
+)
+def test_missing_options_are_explained_and_outputs_are_named(lmkit, arguments, words):
+    assert_refused(lmkit(*arguments), *words)
