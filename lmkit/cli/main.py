@@ -130,23 +130,12 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
                 _forget_output()
             return _report(*problem, EXIT_WRONG_USE, debug)
         if hasattr(error, "format_message"):
-            command = getattr(getattr(error, "ctx", None), "command_path", "lmkit")
-            return _report(_wrong_use(error), f"see {command} --help", int(getattr(error, "exit_code", 2)), debug)
+            from lmkit.cli.wrong_use import wrong_use
+
+            return _report(*wrong_use(error), debug)
         return _report(
             f"internal error (please report): {type(error).__name__}: {error}", _FAULT_HINT, EXIT_FAULT, debug
         )
-
-
-def _wrong_use(error: Any) -> str:
-    """The parser's sentence, with what the missing option is, or with the options that write where ``-o`` is none."""
-    sentence = str(error.format_message()).rstrip(".")
-    if type(error).__name__ == "MissingParameter" and getattr(error.param, "help", None):
-        return f"{sentence}: {error.param.help.rstrip('.')}"
-    if getattr(error, "option_name", None) in ("-o", "--output"):
-        outputs = [p.opts[0] for p in error.ctx.command.params if "to write" in (getattr(p, "help", None) or "")]
-        if outputs:
-            return f"No such option: {error.option_name}; this command writes files with {', '.join(outputs)}"
-    return sentence
 
 
 def _forget_output() -> None:

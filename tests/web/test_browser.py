@@ -185,6 +185,16 @@ def _until(holds) -> None:
     raise AssertionError("nothing happened within two minutes")
 
 
+def test_a_run_that_starts_is_said_to_start(open_page):
+    page = open_page("live")
+    page.get_by_text("Nothing runs live").wait_for()
+    page.get_by_role("button", name="Watch a simulated robot").click()
+    page.get_by_text("The run starts").wait_for()
+    assert not page.get_by_text("Nothing runs live").count()
+    page.get_by_role("button", name="Stop").click()
+    page.get_by_text("stopped", exact=True).wait_for()
+
+
 def test_live_states_hold_memory(browser, tmp_path):
     """States of forty seconds with their images, ten times as fast: neither page nor server grows without bound."""
     script = tmp_path / "feed.py"

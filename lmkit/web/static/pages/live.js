@@ -105,13 +105,17 @@ export async function show(stage) {
 
   const [project, { cameras }] = await Promise.all([api("project"), api("cameras")]);
   const runs = h("div"), record = h("input", { type: "checkbox" });
+  const idle = () => fill(box, empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
+  const starts = () => fill(box, empty("The run starts", "The first pose appears here when rig, map and cameras are read."));
+  const ends = (j) => { if (!shown) idle(); if (j.state !== "failed" && j.outputs.length) toast(`Recorded to ${j.outputs[0]}`); };
   const start = (source, second = () => "") => async () => {
     const body = { source: typeof source === "string" ? source : source(), second: second(), record: record.checked };
     try {
       // A run from cameras has no end of its own.
       for (const j of (await api("jobs")).jobs) if (goes(j)) await api(`jobs/${j.id}/cancel`, { method: "POST" }).catch(() => null);
       reset();
-      runs.replaceChildren(jobView(await api("jobs/run", { method: "POST", body }), { done: (j) => j.state !== "failed" && j.outputs.length && toast(`Recorded to ${j.outputs[0]}`) }));
+      runs.replaceChildren(jobView(await api("jobs/run", { method: "POST", body }), { done: ends }));
+      if (!shown) starts();
       runs.querySelector("[data-key=cancel]")?.focus();
     } catch (error) { runs.replaceChildren(trouble(error)); }
   };
@@ -125,12 +129,12 @@ export async function show(stage) {
     project.bags.filter((b) => b.name.startsWith("runs/")).slice(-4).map((b) => button(`Replay ${b.name}`, b.name)),
     button("Watch a simulated robot", "sim:"),
   ];
-  if (!shown) box.append(empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
+  const ongoing = (await api("jobs")).jobs.find(goes);
+  if (!shown) (ongoing ? starts : idle)();
   stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), byCameras, h("div", { class: "row" }, buttons),
     project.can_run ? h("label", { class: "check" }, record, "Record the next run to runs/, to replay it later") : null, runs), box);
   const watch = setInterval(() => { if (performance.now() - newest > STALE_MS) draw(); }, 1000);
-  const ongoing = (await api("jobs")).jobs.find(goes);
-  if (ongoing) runs.append(jobView(ongoing));
+  if (ongoing) runs.append(jobView(ongoing, { done: ends }));
   requestAnimationFrame(() => { slowly = 0; draw(); }); // before it was shown, the chart had no colors
   return () => { clearTimeout(retry); socket.onclose = null; socket.close(); clearInterval(watch); views.close(); };
 }
