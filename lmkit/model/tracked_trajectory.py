@@ -16,6 +16,16 @@ from lmkit.geometry.stereo_rig import ahead_of
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.pose_status import PoseStatus
 
+PARAMETER_WORDS = {
+    "forward_scale": "distance scale (true / measured)",
+    "turn_scale": "rotation scale (true / measured)",
+    "turn_per_s": "yaw drift, rad/s",
+    "turn_per_m": "yaw drift, rad/m",
+    "slowing_s": "distance lost while turning, share per rad/s",
+    "delay_s": "delay of the images after the odometry, s",
+    "scale": "distance scale (true / measured)",
+}
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackedTrajectory:
@@ -126,9 +136,10 @@ def tracked_lines(drive: TrackedTrajectory) -> list[str]:
     counts = ", ".join(f"{count} {status}" for status, count in Counter(map(str, drive.statuses)).items())
     lines = [f"{len(drive)} frames: {counts}"]
     if drive.parameters:
-        sigmas = {name: f" ± {sigma:.2g}" for name, sigma in drive.parameter_sigmas.items()}
-        values = (f"{name} {value:.4g}{sigmas.get(name, '')}" for name, value in drive.parameters.items())
-        lines.append("odometry: " + ", ".join(values))
+        lines.append("odometry errors:")
+        for name, value in drive.parameters.items():
+            sigma = f" ± {drive.parameter_sigmas[name]:.2g}" if name in drive.parameter_sigmas else ""
+            lines.append(f"  {PARAMETER_WORDS.get(name, name)}: {value:.4g}{sigma}")
     return lines
 
 

@@ -13,7 +13,7 @@ from lmkit.mapping.survey import OUTLIER_SIGMA
 from lmkit.mapping.survey_results import Survey, deviations
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.tracked_trajectory import TrackedTrajectory
+from lmkit.model.tracked_trajectory import PARAMETER_WORDS, TrackedTrajectory
 from lmkit.odometry.motion_model import Motion
 from lmkit.reports.time_plots import LEFT_OUT, OTHER, SEEN, Series, over_time
 from lmkit.visualization.html import figure, grid, headline, listed, page, sized, table
@@ -21,15 +21,6 @@ from lmkit.visualization.plan_view import FILE_SIZE, PAGE_SIZE, PHONE_SIZE, Foun
 
 MOST_DRAWN = 60  # poses of a plan
 DRAWN_ON_PAGE, DRAWN_ON_PHONE = 40, 16  # poses of a plan in a report
-MEANINGS = {
-    "forward_scale": "distance scale (true / measured)",
-    "turn_scale": "rotation scale (true / measured)",
-    "turn_per_s": "yaw drift, rad/s",
-    "turn_per_m": "yaw drift, rad/m",
-    "slowing_s": "distance lost while turning, share per rad/s",
-    "delay_s": "delay of the images after the odometry, s",
-    "scale": "distance scale (true / measured)",
-}
 INSIDE = 0.95
 TOO_MANY_OUTSIDE = 0.15  # of frames beyond the band: the covariance claims too much
 
@@ -289,7 +280,7 @@ def _odometry(parameters: Mapping[str, float], sigmas: Mapping[str, float]) -> s
         return ""
     rows = [
         (
-            MEANINGS.get(name, name.replace("_", " ")),
+            PARAMETER_WORDS.get(name, name.replace("_", " ")),
             f"{round(value, 4) + 0.0:.4f}",
             f"{sigmas[name]:.4f}" if name in sigmas else "",
         )

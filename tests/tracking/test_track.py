@@ -10,7 +10,9 @@ from lmkit.geometry.planar import between
 from lmkit.geometry.pose import Pose
 from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import Gyro, Odometry
+from lmkit.model.tracked_trajectory import TrackedTrajectory, tracked_lines
 from lmkit.odometry.online_wheel_odometry import Wheels
 from lmkit.odometry.wheel_odometry import NOMINAL, MotionModel
 from lmkit.simulation.recording import WheelErrors, make_drive
@@ -257,3 +259,15 @@ def test_innovations_of_corners_are_as_large_as_expected():
         tracked = track_images_live(drive.frames, drive.rig, drive.landmarks, drive.odometry, drive.gyro)
         ratios.append(innovation_ratio(tracked))
     assert 0.5 < np.mean(ratios) < 1.2
+
+
+def test_odometry_errors_are_printed_in_words():
+    drive = TrackedTrajectory(
+        np.zeros(1), [Pose.identity("map", "base")], np.zeros((1, 6, 6)), [PoseStatus.OK], [()],
+        {"forward_scale": 0.92, "delay_s": 0.1}, parameter_sigmas={"forward_scale": 0.03},
+    )  # fmt: skip
+    assert tracked_lines(drive)[1:] == [
+        "odometry errors:",
+        "  distance scale (true / measured): 0.92 ± 0.03",
+        "  delay of the images after the odometry, s: 0.1",
+    ]
