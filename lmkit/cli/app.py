@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli.checked_options import CheckedOptions
 from lmkit.cli.commands import COMMANDS, DEBUG_HELP, HELP, VERSION_HELP
+from lmkit.cli.option_groups import with_groups
 from lmkit.version import __version__
 
 
@@ -29,7 +30,7 @@ def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
         if group:
             app.add_typer(group, name=name)
         else:
-            app.command(name, cls=CheckedOptions)(module.run)
+            app.command(name, cls=CheckedOptions)(with_groups(module.run))
     return app
 
 

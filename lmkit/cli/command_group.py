@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import typer
 
 from lmkit.cli.checked_options import CheckedOptions
+from lmkit.cli.option_groups import with_groups
 
 
 def command_group(summary: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typer:
@@ -19,7 +20,7 @@ def command_group(summary: str, commands: Mapping[str, Callable[..., None]]) -> 
     group = typer.Typer(help=summary)
     group.callback(invoke_without_command=True, help=summary)(_print_help)
     for name, function in commands.items():
-        group.command(name, cls=CheckedOptions)(function)
+        group.command(name, cls=CheckedOptions)(with_groups(function))
     return group
 
 

@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.map_options import read_map_file
+from lmkit.cli.option_groups import PLAIN, DrawingOptions
 from lmkit.cli.output import check_outputs, image_kind, print_line, warn, write_outputs
 from lmkit.errors import InputError
 
@@ -33,11 +34,7 @@ def run(
         Path | None,
         typer.Option("--floor", help="Floor plan with named walls (lmkit-floor/1), or DXF, PNG, PGM, SVG."),
     ] = None,
-    scale: options.Scale = None,
-    islands: options.Islands = "obstacles",
-    thin_lines: options.ThinLines = None,
-    curves: options.Curves = True,
-    layers: options.Layers = "",
+    drawing: DrawingOptions = PLAIN,
     size: Annotated[
         str | None,
         typer.Option("--size", help="Size of landmarks for which the file gives none. Default for forms: 180mm."),
@@ -74,7 +71,7 @@ def run(
         print_line(f"wrote {source}")
         return
     check_outputs([output], plan, force)
-    ground = read_room(room, floor, scale, islands, thin_lines, curves, layers)
+    ground = read_room(room, floor, drawing)
     landmarks = _read(source, ground, size, family, sigma)
     for text in check_map(landmarks, ground):
         warn(text)

@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_map_file
+from lmkit.cli.option_groups import PLAIN, DrawingOptions
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, write_outputs
 
 
@@ -16,11 +17,7 @@ def run(
     floor: options.FloorFile,
     landmark_map: options.MapFile,
     rig: options.MountedRigFile,
-    scale: options.Scale = None,
-    islands: options.Islands = "obstacles",
-    thin_lines: options.ThinLines = None,
-    curves: options.Curves = True,
-    layers: options.Layers = "",
+    drawing: DrawingOptions = PLAIN,
     camera_height: options.CameraHeight = None,
     marker_family: map_options.MarkerFamily = None,
     marker_size: map_options.MarkerSize = None,
@@ -45,7 +42,7 @@ def run(
     check_outputs((), plan, force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    ground = read_ground(floor, scale, islands, thin_lines, curves, layers)
+    ground = read_ground(floor, drawing)
     answer = predict_coverage(ground, list(landmarks), cameras, radius_m)
     failing = failing_places(answer, demand)
     write_outputs({plan: draw_coverage(ground, landmarks, answer, demand, image_kind(plan))}, force)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
+    from lmkit.cli.option_groups import DrawingOptions
     from lmkit.geometry.rig import AnyRig
     from lmkit.model.floor_plan import FloorPlan
 
@@ -34,14 +35,7 @@ def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     return rig
 
 
-def read_ground(
-    path: Path,
-    scale: float | None,
-    islands: str = "",
-    thin_lines: str | None = None,
-    curves: bool = True,
-    layers: str = "",
-) -> FloorPlan:
+def read_ground(path: Path, options: DrawingOptions) -> FloorPlan:
     """Read a floor plan; warn of islands, and of parts that no opening connects.
 
     Raises:
@@ -49,30 +43,23 @@ def read_ground(
     """
     from lmkit.cli.output import warn
     from lmkit.cli.parsing import parse_meters
+    from lmkit.io import floor_islands
     from lmkit.io.dxf_lines import parse_layer_rules
-    from lmkit.io.floor_islands import DrawingOptions, drawing_warnings, parse_island_rules
     from lmkit.io.floor_plan import read_floor
 
-    thin_m = 0.0 if thin_lines is None else parse_meters(thin_lines, "--thin-lines")
-    drawing = DrawingOptions(*parse_island_rules(islands), thin_m, curves, parse_layer_rules(layers))
-    floor = read_floor(path, scale, drawing)
-    for text in drawing_warnings(floor.islands, floor.free, floor.cell_m):
+    thin_m = 0.0 if options.thin_lines is None else parse_meters(options.thin_lines, "--thin-lines")
+    islands, layers = floor_islands.parse_island_rules(options.islands), parse_layer_rules(options.layers)
+    drawing = floor_islands.DrawingOptions(*islands, thin_m, options.curves, layers)
+    floor = read_floor(path, options.scale, drawing)
+    for text in floor_islands.drawing_warnings(floor.islands, floor.free, floor.cell_m):
         warn(text)
     free_m2 = float(floor.free.sum()) * floor.cell_m**2
-    if scale is not None and free_m2 < SMALL_FLOOR_M2:
-        warn(f"{path}: the free floor is {free_m2:.2g} m2; check --scale {scale:g}")
+    if options.scale is not None and free_m2 < SMALL_FLOOR_M2:
+        warn(f"{path}: the free floor is {free_m2:.2g} m2; check --scale {options.scale:g}")
     return floor
 
 
-def read_room(
-    room: str | None,
-    floor: Path | None,
-    scale: float | None,
-    islands: str = "",
-    thin_lines: str | None = None,
-    curves: bool = True,
-    layers: str = "",
-) -> FloorPlan | None:
+def read_room(room: str | None, floor: Path | None, options: DrawingOptions) -> FloorPlan | None:
     """Read the floor of --room or --floor; None without either.
 
     Raises:
@@ -86,4 +73,4 @@ def read_room(
     if room is not None:
         width_mm, depth_mm = parse_size_mm(room, "--room")
         return rectangular_room(width_mm / 1000, depth_mm / 1000)
-    return None if floor is None else read_ground(floor, scale, islands, thin_lines, curves, layers)
+    return None if floor is None else read_ground(floor, options)

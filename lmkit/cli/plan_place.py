@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.map_options import read_mounted_map
+from lmkit.cli.option_groups import PLAIN, DrawingOptions
 from lmkit.cli.output import ProgressBars, check_outputs, print_json, print_line, warn, write_outputs
 from lmkit.errors import InputError
 
@@ -22,11 +23,7 @@ def run(
     landmark_map: Annotated[
         Path | None, typer.Option("--map", help="Map of landmarks that are already mounted and stay where they are.")
     ] = None,
-    scale: options.Scale = None,
-    islands: options.Islands = "obstacles",
-    thin_lines: options.ThinLines = None,
-    curves: options.Curves = True,
-    layers: options.Layers = "",
+    drawing: DrawingOptions = PLAIN,
     camera_height: options.CameraHeight = None,
     radius: options.Radius = "0.25m",
     error: options.PositionError = "5cm",
@@ -90,7 +87,7 @@ def run(
     )
     cameras = read_mounted_rig(rig, camera_height)
     mounted = LandmarkMap([]) if landmark_map is None else read_mounted_map(landmark_map)
-    ground = read_ground(floor, scale, islands, thin_lines, curves, layers)
+    ground = read_ground(floor, drawing)
     with ProgressBars() as bars:
 
         def on_step(_: int, covered: float) -> None:

@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_map_file
+from lmkit.cli.option_groups import PLAIN, DrawingOptions
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, warn, write_outputs
 
 
@@ -22,11 +23,7 @@ def run(
     floor: options.FloorFile,
     landmark_map: options.MapFile,
     rig: options.MountedRigFile,
-    scale: options.Scale = None,
-    islands: options.Islands = "obstacles",
-    thin_lines: options.ThinLines = None,
-    curves: options.Curves = True,
-    layers: options.Layers = "",
+    drawing: DrawingOptions = PLAIN,
     camera_height: options.CameraHeight = None,
     marker_family: map_options.MarkerFamily = None,
     marker_size: map_options.MarkerSize = None,
@@ -61,7 +58,7 @@ def run(
     check_outputs((csv, tum), plan, force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    ground = read_ground(floor, scale, islands, thin_lines, curves, layers)
+    ground = read_ground(floor, drawing)
     ends = [find_goal(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, cameras, radius_m, ends[0], ends[1], demand)
     write_outputs({csv: route_csv(found), tum: poses_to_tum(route_poses(found))}, force)

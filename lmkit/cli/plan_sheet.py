@@ -9,6 +9,7 @@ import typer
 
 from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_map_file
+from lmkit.cli.option_groups import PLAIN, DrawingOptions
 from lmkit.cli.output import check_outputs, print_line, write_outputs
 from lmkit.errors import InputError
 
@@ -24,11 +25,7 @@ def run(
             help="Floor plan, as for lmkit plan place. Without it, the sheet gives the positions in the map.",
         ),
     ] = None,
-    scale: options.Scale = None,
-    islands: options.Islands = "obstacles",
-    thin_lines: options.ThinLines = None,
-    curves: options.Curves = True,
-    layers: options.Layers = "",
+    drawing: DrawingOptions = PLAIN,
     room: Annotated[
         str | None, typer.Option("--room", help="Rectangular room, such as 6.00x4.00m, instead of a floor plan.")
     ] = None,
@@ -47,6 +44,6 @@ def run(
         raise InputError("bad_output", f"{output} is not a PDF file", "name it with .pdf")
     check_outputs([output], None, force)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
-    ground = read_room(room, floor, scale, islands, thin_lines, curves, layers)
+    ground = read_room(room, floor, drawing)
     write_outputs({output: mounting_sheets(landmarks, ground, landmark_map.name, paper)}, force)
     print_line(f"wrote {output}")

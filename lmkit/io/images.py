@@ -27,6 +27,7 @@ MAX_PIXELS = 100_000_000
 MIN_SIDE = 8
 Pixels = TypeVar("Pixels")
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm", ".heic", ".heif"})
+_VIDEO = re.compile(rb"....ftyp|RIFF....AVI |\x1aE\xdf\xa3", re.DOTALL)  # MP4 and MOV, AVI, MKV and WebM
 _HEIF = re.compile(rb"....ftyp(?:hei[cxms]|hev[cxms]|mif1|msf1)", re.DOTALL)
 
 
@@ -92,6 +93,10 @@ def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) ->
             loaded: Image.Image = Image.open(io.BytesIO(data))
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
         kinds = "give PNG, JPEG, TIFF, BMP, WebP or PNM"
+        if _VIDEO.match(data):
+            raise InputError(
+                "is_video", f"{name}: a video, not an image", "give its file name, with .mp4, .mov, .avi or .mkv"
+            ) from None
         hint = f"lmkit verify reads prints in PDF; otherwise {kinds}" if data.startswith(b"%PDF") else kinds
         raise InputError("not_an_image", f"{name}: not an image that can be read", hint) from None
     width, height = loaded.size

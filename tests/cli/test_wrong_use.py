@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from ids import lm8
 
+from lmkit.errors import InputError
+from lmkit.io.images import decode_image
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -495,3 +497,8 @@ def test_a_folder_for_annotations_named_as_a_file_is_refused(lmkit, tmp_path, co
 )
 def test_missing_options_are_explained_and_outputs_are_named(lmkit, arguments, words):
     assert_refused(lmkit(*arguments), *words)
+
+
+def test_a_video_on_standard_input_asks_for_its_file_name():
+    with pytest.raises(InputError, match="a video, not an image"):
+        decode_image(b"\0\0\0\x1cftypisom\0\0\2\0", "-")
