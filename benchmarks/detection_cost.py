@@ -46,11 +46,11 @@ class Scenery:
 
 
 @lru_cache(maxsize=128)
-def sheet(family: str, code: int) -> np.ndarray:
-    """A landmark of ``SIDE_PX`` on white paper, BGR."""
+def sheet(family: str, code: int, side_px: int = SIDE_PX) -> np.ndarray:
+    """A landmark on white paper, BGR."""
     known = FAMILIES[family]
     page = page_to_image(bare_landmark_page(known, code, known.side_mm), 100)
-    face = cv2.resize(np.asarray(page)[:, :, ::-1], (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA)
+    face = cv2.resize(np.asarray(page)[:, :, ::-1], (side_px, side_px), interpolation=cv2.INTER_AREA)
     edge = [QUIET_PX] * 4
     return cv2.copyMakeBorder(face, *edge, cv2.BORDER_CONSTANT, value=(255, 255, 255))
 
