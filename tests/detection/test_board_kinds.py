@@ -51,3 +51,31 @@ def test_small_markers_of_a_charuco_board_are_read(dictionary):
     off = off_of(board, np.array([[50, 50], [210, 56], [208, 172], [48, 168]]), (260, 220))  # markers of 15 px
     assert len(off) > 20
     assert np.median(off) < 0.12 and off.max() < 0.5
+
+
+def test_in_a_large_image_a_chessboard_is_searched_around_where_a_smaller_copy_shows_it(monkeypatch):
+    board = BoardSpec.parse("chessboard:8x5:30mm")
+    size, corner = (1280, 720), np.array([700, 330])  # near two edges of the image
+    view = np.array(VIEW) + corner
+    searched = []
+    search = cv2.findChessboardCornersSB
+
+    def watched(image, *args, **options):
+        searched.append(image.shape)
+        return search(image, *args, **options)
+
+    monkeypatch.setattr(cv2, "findChessboardCornersSB", watched)
+    off = off_of(board, view, size)
+    assert len(off) == len(board.object_points)
+    assert np.median(off) < 0.12 and off.max() < 0.5
+    copy, window = searched
+    assert copy == (360, 640)
+    assert window[0] < 400 and window[1] < 600
+
+
+def test_in_a_large_image_a_chessboard_that_its_smaller_copy_does_not_show_is_found(monkeypatch):
+    board = BoardSpec.parse("chessboard:8x5:30mm")
+    monkeypatch.setattr("lmkit.detection.boards.LOOK_PX", 60)
+    off = off_of(board, np.array(VIEW) + np.array([300, 200]), (1280, 720))
+    assert len(off) == len(board.object_points)
+    assert np.median(off) < 0.12 and off.max() < 0.5
