@@ -38,7 +38,7 @@ from lmkit.model.landmark import LandmarkFamily
 
 READ_ROUNDS = 3
 COARSE = Steps(rounds=1, most=3, to_px=0.1, negligible=10.0)
-FINE = Steps(rounds=2, most=3, to_px=0.02)
+FINE = Steps(rounds=2, most=3, to_px=0.02, negligible=8.0)  # decision 55
 # The blur starts generous, so that a wrong corner still feels its edge.
 COARSE_SIDE_PX = 100.0
 START = Start(least_blur=0.8, blur_share=0.012, blurred_side=COARSE_SIDE_PX)

@@ -19,7 +19,7 @@ from lmkit.model.landmark import LandmarkFamily
 
 # Most of what a rival gains, it gains in two steps.  One whose margin is 25 before that does not come close, unless
 # the reading leaves much unexplained: then its place or its blur is wrong, as under long motion blur.
-RIVAL_RULES = RivalRules(rivals=3, most=2, to_px=0.02, hopeless=25.0, by_error=1.5)
+RIVAL_RULES = RivalRules(rivals=3, most=2, to_px=0.02, negligible=1.0, hopeless=25.0, by_error=1.5)
 
 
 def rival_margin(
@@ -76,7 +76,8 @@ def rivals_of(fit: PatternRegistration, decoding: Decoding, pixels: int) -> Riva
 
 def _error_of(fit: PatternRegistration, hypothesis: Hypothesis) -> float:
     fit.hypothesis = hypothesis
-    fit.register(Steps(rounds=0, most=RIVAL_RULES.most, to_px=RIVAL_RULES.to_px))
+    rules = RIVAL_RULES
+    fit.register(Steps(rounds=0, most=rules.most, to_px=rules.to_px, negligible=rules.negligible))
     return fit.last_error
 
 

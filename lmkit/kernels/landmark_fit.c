@@ -69,14 +69,14 @@ LMKIT_EXPORT int lmkit_fit_landmarks(const Fit *fit, const double *view, int64_t
                                      uint8_t *kinds, double *subsets, int64_t width, double *rows);
 
 /* From a state (15) on: how well the reading of a turn and a code fits, and how well its `rivals` likeliest other codes
- * do, each registered in `most` steps.  A rival is left out where its margin before that is over `hopeless` and over
+ * do, each registered in `most` steps that end at `to_px` or `negligible`, as `Steps` do.  A rival is left out where its margin before that is over `hopeless` and over
  * `by_error` times the reading's error.  masks: a copy of the family's, which is used up.  results: room for a weight,
  * an error and a normal matrix.  out: pixels, the reading's error and the least of the rivals', -1 where none was
  * registered.  Returns 1 where nothing is there.  Definition: detection/rivals.py, rivals_of. */
 LMKIT_EXPORT int lmkit_fit_rivals(const Fit *fit, const double *view, int64_t turn, int64_t code, int64_t rivals,
-                                  int64_t most, double to_px, double hopeless, double by_error, int64_t capacity,
-                                  float *planes, float *work, uint8_t *kinds, double *subsets, int32_t *masks, double *state,
-                                  double *results, double *out);
+                                  int64_t most, double to_px, double negligible, double hopeless, double by_error,
+                                  int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets,
+                                  int32_t *masks, double *state, double *results, double *out);
 
 /* At a state (15): chi2 by which the reading of a turn and a code explains the pixels better than another code behind an
  * object does, and than another code alone; 0 where these pixels are read otherwise.  reach and price: of `CoveringRules`.
@@ -216,10 +216,10 @@ static int is_settled(const Fit *f, const double *decoded, int64_t n)
     return f->white || turn > f->settled_clear || (turn > f->settled_turn && margin(f, decoded, decoded[3], n) > f->settled_code);
 }
 
-static void limits_of(const Fit *f, const Steps *steps, double *limits)
+static void limits_of(const Fit *f, double negligible, double *limits)
 {
     memcpy(limits, f->limits, sizeof f->limits);
-    limits[LIMITS - 1] = steps->negligible;
+    limits[LIMITS - 1] = negligible;
 }
 
 /* cells: of the color mosaic, or null where it does not count. */
@@ -227,7 +227,7 @@ static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_
 {
     int64_t turn = (int64_t)decoded[0], code = (int64_t)decoded[1], open = f->masks[turn * f->codes + code];
     double limits[LIMITS];
-    limits_of(f, steps, limits);
+    limits_of(f, steps->negligible, limits);
     return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, cells, f->color_mosaic, p->work, state, p->robust, out + 2, out + 3, out + 1);
 }
 
@@ -401,15 +401,16 @@ static void leave_out(int32_t *masks, int64_t codes, int64_t code)
 }
 
 int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t code, int64_t rivals, int64_t most,
-                     double to_px, double hopeless, double by_error, int64_t capacity, float *planes, float *work,
-                     uint8_t *kinds, double *subsets, int32_t *masks, double *state, double *results, double *out)
+                     double to_px, double negligible, double hopeless, double by_error, int64_t capacity, float *planes,
+                     float *work, uint8_t *kinds, double *subsets, int32_t *masks, double *state, double *results,
+                     double *out)
 {
     Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
     if (!take(f, view, state, f->coarse_pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
     double limits[LIMITS];
-    limits_of(f, &f->fine, limits);
+    limits_of(f, negligible, limits);
     double *weight = results, *error = results + 1, *normal = results + 2, moved[STATE], decoded[HEAD];
     int64_t codes = f->codes, open = masks[turn * codes + code];
     out[0] = (double)p.n;

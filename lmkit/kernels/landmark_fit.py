@@ -84,13 +84,14 @@ class RivalRules(NamedTuple):
 
     Attributes:
         rivals: so many.
-        most, to_px: steps of a fit, and the move at which it ends.
+        most, to_px, negligible: steps of a fit, and the move and the fall of chi2 at which it ends.
         hopeless, by_error: rivals with a margin over this and over so many times the reading's error are left out.
     """
 
     rivals: int
     most: int
     to_px: float
+    negligible: float
     hopeless: float
     by_error: float
 
@@ -363,7 +364,7 @@ def _all_kernel() -> Any:
 @lru_cache(maxsize=1)
 def _rivals_kernel() -> Any:
     p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-    return function("lmkit_fit_rivals", p, p, n, n, n, n, d, d, d, n, *[p] * 8)
+    return function("lmkit_fit_rivals", p, p, n, n, n, n, d, d, d, d, n, *[p] * 8)
 
 
 @lru_cache(maxsize=1)
