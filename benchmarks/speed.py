@@ -36,8 +36,10 @@ from detection_cost import QUIET_PX, sheet
 
 from lmkit.arrays import ByteArray
 from lmkit.calibration.stereo import calibrate_stereo
+from lmkit.detection.boards import detect_board
 from lmkit.detection.detector import detect_landmarks
 from lmkit.geometry.planar import planar_pose
+from lmkit.geometry.pose import Pose
 from lmkit.io.floor_plan import read_floor
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
@@ -52,8 +54,9 @@ from lmkit.planning.coverage import Demand
 from lmkit.planning.mounting_sites import MountingOptions
 from lmkit.planning.placement import place_landmarks
 from lmkit.simulation.observations import look
+from lmkit.simulation.photograph import ImagingChain, photograph
 from lmkit.simulation.recording import T_BASE_LEFT, make_drive
-from lmkit.simulation.scene import board_poses, make_rig
+from lmkit.simulation.scene import board_panel, board_poses, make_rig, studio
 from lmkit.tracking.planar_stereo_filter import RigFilter
 from lmkit.tracking.spatial_stereo_filter import PoseFilter
 
@@ -192,6 +195,40 @@ def opencv_calibrate() -> Iterator[float]:
         yield timed(work)
 
 
+@lru_cache(maxsize=1)
+def board_images() -> tuple[BoardSpec, list[ByteArray]]:
+    """Eight pairs of 1280 x 720 pixels, rendered, with lens distortion, blur and noise."""
+    rig, board, rng = make_rig((1280, 720), 900.0), BoardSpec("chessboard", 9, 6, 25.0), np.random.default_rng(1)
+    T_right_left = Pose("camera", "camera", rig.T_right_left.R, rig.T_right_left.t)
+    images = []
+    for pose in board_poses(1, rig, board, 8):
+        scene = studio([board_panel(board, Pose("map", "board", pose.R, pose.t))])
+        at_left = Pose.identity("map", "camera")
+        for camera, at in ((rig.left, at_left), (rig.right, at_left @ T_right_left.inverse())):
+            images.append(photograph(scene, camera, at, ImagingChain(), rng))
+    return board, images
+
+
+def corners() -> Iterator[float]:
+    """Each image, whose board is found."""
+    board, images = board_images()
+    assert all(detect_board(image, board) is not None for image in images)
+    for image in images:
+        yield timed(lambda image=image: detect_board(image, board))
+
+
+def opencv_corners() -> Iterator[float]:
+    """`findChessboardCornersSB` with the accuracy that calibration needs."""
+    board, images = board_images()
+
+    def work(image: ByteArray) -> None:
+        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        cv2.findChessboardCornersSB(gray, board.inner_corners, flags=cv2.CALIB_CB_ACCURACY)
+
+    for image in images:
+        yield timed(lambda image=image: work(image))
+
+
 def in_a_grid(faces: list[ByteArray]) -> ByteArray:
     """640 x 480 pixels with up to 64 papers, slightly blurred and noisy."""
     rng = np.random.default_rng(0)
@@ -316,6 +353,9 @@ ROWS = {
         calibrate,
         "OpenCV, joint fit, one model",
         opencv_calibrate,
+    ),
+    "corners": Row(
+        "corners of a chessboard, an image of 1280x720", "0.71 s", corners, "OpenCV, SB, accurate", opencv_corners
     ),
     "one": Row("detect, 1 landmark of 30 px", "", partial(detect_many, 1), "ArUco", partial(aruco_many, 1)),
     "many": Row("detect, 64 landmarks of 30 px", "", partial(detect_many, 64), "ArUco", partial(aruco_many, 64)),
