@@ -22,9 +22,11 @@ def read_rows(path: Path, what: str) -> list[list[str]]:
     """Rows of cells without the space around them.
 
     Raises:
-        InputError: not readable, or not a table.
+        InputError: not readable, empty, or not a table.
     """
     text = read_text(path, what)
+    if not text.strip():
+        raise InputError("empty_file", f"{path}: the file is empty", f"give {with_article(what)}, with its header")
     first = text.partition("\n")[0]
     separator = next((sign for sign in (";", "\t") if sign in first and "," not in first), ",")
     try:

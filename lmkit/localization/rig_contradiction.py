@@ -76,9 +76,11 @@ def find_rig_cause(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[Landm
         return None
     share = _share(seen, stereo)
     if share < CONTRADICTS:
-        for cause, other, with_rig in _variants(seen, stereo):
-            if _share(other, with_rig) > AGREES:
-                return cause
+        # Seen from afar, one cause undone may hide another; the predictions of the true one are the nearest.
+        undone = [(_misses(other, with_rig), cause) for cause, other, with_rig in _variants(seen, stereo)]
+        fitting = [(float(np.median(off)), cause) for off, cause in undone if np.mean(off < OFF) > AGREES]
+        if fitting:
+            return min(fitting, key=lambda fit: fit[0])[1]
     return _shifted(frames, stereo, sizes, share)
 
 
@@ -175,12 +177,17 @@ def _places(corners: FloatArray, sizes: FloatArray, camera: CameraModel) -> Floa
 
 def _share(seen: _Seen, rig: StereoRig) -> float:
     """Share of the landmarks that the right camera sees where the left one says."""
+    return float(np.mean(_misses(seen, rig) < OFF))
+
+
+def _misses(seen: _Seen, rig: StereoRig) -> FloatArray:
+    """(N,) how far from where the left camera says the right one sees each landmark, in diagonals of the image."""
     places = rig.T_right_left.apply(_places(seen.left, seen.sizes, rig.left))
     ahead = np.isfinite(places).all(axis=1) & (places[:, 2] > 0)
     predicted = rig.right.project(np.where(ahead[:, None], places, (0.0, 0.0, 1.0)))
     with np.errstate(all="ignore"):
         off = np.linalg.norm(predicted - seen.right.mean(axis=1), axis=1)
-    return float(np.mean(ahead & (off < OFF * np.hypot(*rig.right.image_size))))
+    return np.asarray(np.where(ahead & np.isfinite(off), off, np.inf) / np.hypot(*rig.right.image_size))
 
 
 def _variants(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, StereoRig]]:
@@ -222,6 +229,7 @@ def _rescaled(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, Stere
         ratio = float(np.median(between @ T.t) / (T.t @ T.t))
     if not np.isfinite(ratio) or ratio <= 0 or abs(np.log(ratio)) < OFF_SCALE:
         return
+    size_m = float(np.median(seen.sizes))
     unit, scaled = unit_of_ratio(1 / ratio), replace(rig, T_right_left=Pose("right", "left", T.R, ratio * T.t))
     if not unit and _is_rectified(rig):
         yield Cause(
@@ -231,7 +239,8 @@ def _rescaled(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, Stere
         ), seen, scaled  # fmt: skip
     text = (
         f"by the printed size of the landmarks the baseline is {1000 * ratio * rig.baseline_m:.3g} mm, the rig says "
-        f"{1000 * rig.baseline_m:.6g} mm{unit}: check the rig's t (meters) and the landmarks' size"
+        f"{1000 * rig.baseline_m:.6g} mm{unit}; by the rig's, landmarks stated as {1000 * size_m:.0f} mm measure "
+        f"{1000 * size_m / ratio:.0f} mm: check the rig's t (meters) and the landmarks' size"
     )
     yield Cause("rig_units", text), seen, scaled
 

@@ -93,3 +93,12 @@ def test_the_header_names_the_corners_of_other_orders(tmp_path):
         assert np.array_equal(a.seen[0][0].corners, b.seen[0][0].corners)
     with pytest.raises(InputError, match="another order"):
         read_detections(written(tmp_path, apriltag.format("x0,y0,x1,y1,x2,y2,x3,y3")), ["lm8"])
+
+
+@pytest.mark.parametrize("text", ["", "\n\n"])
+@pytest.mark.parametrize("read", [read_odometry, lambda path: read_detections(path, ["lm8"], ["left", "right"])])
+def test_an_empty_file_is_called_empty(tmp_path, text, read):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"table\.csv: the file is empty"):
+        read(path)

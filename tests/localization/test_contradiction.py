@@ -71,7 +71,7 @@ def test_a_size_of_another_unit_is_named(drive):
     assert find_cause(drive.frames, drive.rig, scaled(drive.landmarks, sizes=1.4)).code == "map_sizes"
 
 
-@pytest.mark.parametrize(("factor", "code"), [(10.0, "rig_units"), (-1.0, "rig_inverted")])
+@pytest.mark.parametrize(("factor", "code"), [(10.0, "rig_units"), (-1.0, "rig_sign")])
 def test_a_rig_that_contradicts_is_named(drive, factor, code):
     T = drive.rig.T_right_left
     rig = replace(drive.rig, T_right_left=Pose("right", "left", T.R, factor * T.t))

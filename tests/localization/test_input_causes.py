@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -68,6 +69,14 @@ def test_why_two_cameras_contradict_each_other(drive, code):
     frames, rig = CAUSES[code](list(drive.frames), as_stereo(drive.rig, "a test"))
     cause = find_rig_cause(frames, rig, {m.id: m.size_m for m in drive.landmarks})
     assert (cause.code if cause else "") == code
+
+
+@pytest.mark.parametrize("stated", [0.05, 0.1, 0.018])
+def test_landmarks_of_another_size_than_stated_are_no_rectified_images(drive, stated):
+    cause = find_rig_cause(drive.frames, drive.rig, {m.id: stated for m in drive.landmarks})
+    assert cause.code == "rig_units"
+    sizes = re.search(r"landmarks stated as (\d+) mm measure (\d+) mm", cause.text)
+    assert [float(number) for number in sizes.groups()] == pytest.approx([1000 * stated, 180.0], rel=0.02)
 
 
 @pytest.mark.parametrize("work", ["track", "survey"])
