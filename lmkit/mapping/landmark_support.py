@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
+from scipy.special import bdtr
+
 from lmkit.arrays import FloatArray
 from lmkit.mapping.reading_rate import LocatedFrames, neighbors_read
 from lmkit.model.landmark_id import LandmarkId
@@ -23,8 +25,9 @@ LEAST_FRAMES = 2
 RARE = 0.1  # of the frames of the landmark in whose place it stands
 # The same, of a code that is read between readings of that landmark; and the share of its own frames which lie so.
 RARE_BETWEEN, BETWEEN = 0.5, 0.5
-# Frames next to readings in which a landmark should be read; and the share of them in which it is, at least.
-LEAST_BESIDE, STEADY = 8, 0.5
+# Share of the frames next to readings in which a landmark is read, at least; and the probability that one of that
+# share is read in so few of them by chance, below which a code is not believed.
+STEADY, BY_CHANCE = 0.5, 0.1
 
 
 @dataclass(frozen=True)
@@ -80,9 +83,9 @@ def doubtful_landmarks(
         if m.id in known or m.id in found:
             continue
         beside, read = neighbors_read(m, recordings)
-        if beside >= LEAST_BESIDE and read < STEADY * beside:
+        if bdtr(read, beside, STEADY) < BY_CHANCE:
             found[m.id] = (
-                f"in full view just before and after readings it was read {read} of {beside} times, and may be a "
+                f"of {beside} frames just before and after readings, in full view, only {read} read it: it may be a "
                 "print that looks like a landmark, or be dirty or damaged"
             )
     return tuple(KeptOut(id_, reason) for id_, reason in sorted(found.items()))

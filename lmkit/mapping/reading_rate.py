@@ -80,15 +80,13 @@ class LocatedFrames:
 
 
 def neighbors_read(landmark: MappedLandmark, recordings: Iterable[LocatedFrames]) -> tuple[int, int]:
-    """How many frames next to readings of a landmark should read it as well, each beside each, and how many do."""
+    """How many frames next to a reading of a landmark should read it as well, and how many do; each counts once."""
     expected = read = 0
     for recording in recordings:
         own = recording.read.get(landmark.id, np.zeros(0, dtype=np.int64))
         beside = (own[:, None] + NEIGHBORS).ravel()
-        beside = beside[(beside >= 0) & (beside < len(recording.times_s))]
-        frames, count = np.unique(beside, return_counts=True)
+        frames = np.unique(beside[(beside >= 0) & (beside < len(recording.times_s))])
         is_read = np.isin(frames, own)
-        should = recording.readable(landmark, frames) | is_read
-        expected += int(count[should].sum())
-        read += int(count[is_read].sum())
+        expected += int((recording.readable(landmark, frames) | is_read).sum())
+        read += int(is_read.sum())
     return expected, read
