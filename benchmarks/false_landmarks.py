@@ -80,21 +80,31 @@ def misreadings(count: int, places: int = 1, cameras: Sequence[int] = (0, 1)) ->
     return spoiled
 
 
+def often_seen(drive: Drive, known: LandmarkId) -> list[LandmarkId]:
+    return [m.id for m in drive.landmarks if m.id != known and len(frames_of(drive, m.id)) >= 5]
+
+
+def read_as(
+    drive: Drive, print_: LandmarkId, code: LandmarkId, share: float, rng: np.random.Generator
+) -> list[RigFrame]:
+    """Frames in which a landmark's face reads as a code in a share of them, and in the others not at all."""
+    frames = []
+    for frame in drive.frames:
+        reads = rng.uniform() < share
+        kept = tuple(
+            tuple(replace(o, id=code) if o.id == print_ else o for o in found if reads or o.id != print_)
+            for found in frame.seen
+        )
+        frames.append(replace(frame, seen=kept))
+    return frames
+
+
 def look_alike(share: float) -> Spoil:
     """A true landmark's place is that of a print which reads as a code in a share of the frames."""
 
     def spoiled(drive: Drive, wrong: LandmarkId, known: LandmarkId, rng: np.random.Generator) -> list[RigFrame]:
-        seen = [m.id for m in drive.landmarks if m.id != known and len(frames_of(drive, m.id)) >= 5]
-        print_ = seen[rng.integers(len(seen))]
-        frames = []
-        for frame in drive.frames:
-            reads = rng.uniform() < share
-            kept = tuple(
-                tuple(replace(o, id=wrong) if o.id == print_ else o for o in found if reads or o.id != print_)
-                for found in frame.seen
-            )
-            frames.append(replace(frame, seen=kept))
-        return frames
+        often = often_seen(drive, known)
+        return read_as(drive, often[rng.integers(len(often))], wrong, share, rng)
 
     return spoiled
 
@@ -103,17 +113,9 @@ def second_place(share: float) -> Spoil:
     """A look-alike of the code of another landmark."""
 
     def spoiled(drive: Drive, wrong: LandmarkId, known: LandmarkId, rng: np.random.Generator) -> list[RigFrame]:
-        often = [m.id for m in drive.landmarks if m.id != known and len(frames_of(drive, m.id)) >= 5]
+        often = often_seen(drive, known)
         print_, mounted = (often[k] for k in rng.permutation(len(often))[:2])
-        frames = []
-        for frame in drive.frames:
-            reads = rng.uniform() < share
-            kept = tuple(
-                tuple(replace(o, id=mounted) if o.id == print_ else o for o in found if reads or o.id != print_)
-                for found in frame.seen
-            )
-            frames.append(replace(frame, seen=kept))
-        return frames
+        return read_as(drive, print_, mounted, share, rng)
 
     return spoiled
 
