@@ -9,7 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.map_options import read_map_file
-from lmkit.cli.option_groups import PLAIN, DrawingOptions
+from lmkit.cli.option_groups import PLAIN, DrawnFloorOptions
 from lmkit.cli.output import check_outputs, image_kind, print_line, warn, write_outputs
 from lmkit.errors import InputError
 
@@ -34,7 +34,7 @@ def run(
         Path | None,
         typer.Option("--floor", help="Floor plan with named walls (lmkit-floor/1), or DXF, PNG, PGM, SVG."),
     ] = None,
-    drawing: DrawingOptions = PLAIN,
+    drawing: DrawnFloorOptions = PLAIN,
     size: Annotated[
         str | None,
         typer.Option("--size", help="Size of landmarks for which the file gives none. Default for forms: 180mm."),

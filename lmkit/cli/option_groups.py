@@ -12,7 +12,7 @@ from lmkit.cli import options
 
 
 @dataclass(frozen=True)
-class DrawingOptions:
+class DrawnFloorOptions:
     """How a floor plan that is a drawing or an image becomes walls."""
 
     scale: options.Scale = None
@@ -22,7 +22,7 @@ class DrawingOptions:
     layers: options.Layers = ""
 
 
-PLAIN = DrawingOptions()
+PLAIN = DrawnFloorOptions()
 
 
 def with_groups(run: Callable[..., None]) -> Callable[..., None]:

@@ -9,7 +9,7 @@ import typer
 
 from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_map_file
-from lmkit.cli.option_groups import PLAIN, DrawingOptions
+from lmkit.cli.option_groups import PLAIN, DrawnFloorOptions
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, write_outputs
 
 
@@ -17,7 +17,7 @@ def run(
     floor: options.FloorFile,
     landmark_map: options.MapFile,
     rig: options.MountedRigFile,
-    drawing: DrawingOptions = PLAIN,
+    drawing: DrawnFloorOptions = PLAIN,
     camera_height: options.CameraHeight = None,
     marker_family: map_options.MarkerFamily = None,
     marker_size: map_options.MarkerSize = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from lmkit.errors import InputError
 
 if TYPE_CHECKING:
-    from lmkit.cli.option_groups import DrawingOptions
+    from lmkit.cli.option_groups import DrawnFloorOptions
     from lmkit.geometry.rig import AnyRig
     from lmkit.model.floor_plan import FloorPlan
 
@@ -35,7 +35,7 @@ def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     return rig
 
 
-def read_ground(path: Path, options: DrawingOptions) -> FloorPlan:
+def read_ground(path: Path, options: DrawnFloorOptions) -> FloorPlan:
     """Read a floor plan; warn of islands, and of parts that no opening connects.
 
     Raises:
@@ -43,15 +43,15 @@ def read_ground(path: Path, options: DrawingOptions) -> FloorPlan:
     """
     from lmkit.cli.output import warn
     from lmkit.cli.parsing import parse_meters
-    from lmkit.io import floor_islands
     from lmkit.io.dxf_lines import parse_layer_rules
+    from lmkit.io.floor_islands import DrawingOptions, drawing_warnings, parse_island_rules
     from lmkit.io.floor_plan import read_floor
 
     thin_m = 0.0 if options.thin_lines is None else parse_meters(options.thin_lines, "--thin-lines")
-    islands, layers = floor_islands.parse_island_rules(options.islands), parse_layer_rules(options.layers)
-    drawing = floor_islands.DrawingOptions(*islands, thin_m, options.curves, layers)
+    islands, layers = parse_island_rules(options.islands), parse_layer_rules(options.layers)
+    drawing = DrawingOptions(*islands, thin_m, options.curves, layers)
     floor = read_floor(path, options.scale, drawing)
-    for text in floor_islands.drawing_warnings(floor.islands, floor.free, floor.cell_m):
+    for text in drawing_warnings(floor.islands, floor.free, floor.cell_m):
         warn(text)
     free_m2 = float(floor.free.sum()) * floor.cell_m**2
     if options.scale is not None and free_m2 < SMALL_FLOOR_M2:
@@ -59,7 +59,7 @@ def read_ground(path: Path, options: DrawingOptions) -> FloorPlan:
     return floor
 
 
-def read_room(room: str | None, floor: Path | None, options: DrawingOptions) -> FloorPlan | None:
+def read_room(room: str | None, floor: Path | None, options: DrawnFloorOptions) -> FloorPlan | None:
     """Read the floor of --room or --floor; None without either.
 
     Raises:

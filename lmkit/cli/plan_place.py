@@ -9,7 +9,7 @@ import typer
 
 from lmkit.cli import options
 from lmkit.cli.map_options import read_mounted_map
-from lmkit.cli.option_groups import PLAIN, DrawingOptions
+from lmkit.cli.option_groups import PLAIN, DrawnFloorOptions
 from lmkit.cli.output import ProgressBars, check_outputs, print_json, print_line, warn, write_outputs
 from lmkit.errors import InputError
 
@@ -23,7 +23,7 @@ def run(
     landmark_map: Annotated[
         Path | None, typer.Option("--map", help="Map of landmarks that are already mounted and stay where they are.")
     ] = None,
-    drawing: DrawingOptions = PLAIN,
+    drawing: DrawnFloorOptions = PLAIN,
     camera_height: options.CameraHeight = None,
     radius: options.Radius = "0.25m",
     error: options.PositionError = "5cm",

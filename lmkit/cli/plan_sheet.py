@@ -9,7 +9,7 @@ import typer
 
 from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_map_file
-from lmkit.cli.option_groups import PLAIN, DrawingOptions
+from lmkit.cli.option_groups import PLAIN, DrawnFloorOptions
 from lmkit.cli.output import check_outputs, print_line, write_outputs
 from lmkit.errors import InputError
 
@@ -25,7 +25,7 @@ def run(
             help="Floor plan, as for lmkit plan place. Without it, the sheet gives the positions in the map.",
         ),
     ] = None,
-    drawing: DrawingOptions = PLAIN,
+    drawing: DrawnFloorOptions = PLAIN,
     room: Annotated[
         str | None, typer.Option("--room", help="Rectangular room, such as 6.00x4.00m, instead of a floor plan.")
     ] = None,
