@@ -249,6 +249,8 @@ def _dark_first(gray: ByteArray, corners: FloatArray, size: tuple[int, int]) -> 
 def _find_chessboard(gray: ByteArray, size: tuple[int, int], thorough: bool = True) -> FloatArray | None:
     """(N,2) corners by the sector-based detector (Duda and Frese 2018), then by the classic one.
 
+    In a large image the window around the board that a smaller copy shows is searched first.
+
     Both find grids of circles too, which are refused here.
     Shadow-normalized brightness finds more boards, but its corners are twice as noisy: it comes second.
     """
@@ -284,7 +286,7 @@ def _find_chessboard(gray: ByteArray, size: tuple[int, int], thorough: bool = Tr
 def _window_of_chessboard(gray: ByteArray, size: tuple[int, int]) -> tuple[slice, slice] | None:
     """Rows and columns around the chessboard of a large image, as a smaller copy shows it; None where it shows none.
 
-    The exact search takes as long as the image is large, five times as long as a search without `CALIB_CB_ACCURACY`.
+    The exact search takes five times as long as one without `CALIB_CB_ACCURACY`, and longer the larger the image.
     """
     scale = LOOK_PX / max(gray.shape)
     if scale >= 1:
