@@ -1,8 +1,8 @@
 /* Every code in every quarter turn, each with its own best inks, from the moments of the pattern's columns.
  *
  * A hypothesis says which columns are white and which are blue.  Red and surroundings are eliminated once (Schur's
- * complement); what the other two inks explain then depends on four sums over the open gaps, which double from subset
- * to subset. */
+ * complement).  White and blue together cover the same whatever the hypothesis, so that what both explain is a quotient
+ * of two quadratic forms of the gaps; only their linear parts differ between quarter turns. */
 #ifndef LMKIT_HYPOTHESES_H
 #define LMKIT_HYPOTHESES_H
 
@@ -22,35 +22,32 @@ typedef struct {
     double ridge;
 } Best;
 
-/* Doubles that `best_hypothesis` needs: six sums and one score for every subset of gaps. */
-static inline int64_t hypothesis_scratch(int gaps)
+/* out[subset] = start + sum over its gaps of values[gap]. */
+static inline void subset_sums(int gaps, double start, const double *values, double *restrict out)
 {
-    return 7 * ((int64_t)1 << gaps);
-}
-
-/* out[subset] = sum over its gaps of values[gap]; pairs adds K[gap][gap'] for all pairs where not null. */
-static inline void subset_sums(int gaps, const double *values, const double *K, int stride, double *restrict out)
-{
-    out[0] = 0.0;
+    out[0] = start;
     for (int g = 0; g < gaps; g++) {
-        int64_t size = (int64_t)1 << g;
-        double v = values[g];
+        const int64_t size = (int64_t)1 << g;
+        const double v = values[g];
         for (int64_t s = 0; s < size; s++)
             out[size + s] = out[s] + v;
-        if (!K)
-            continue;
-        /* Cross terms with the gaps below, themselves by doubling. */
-        for (int h = 0; h < g; h++) {
-            double twice = 2.0 * K[g * stride + h];
-            int64_t half = (int64_t)1 << h;
-            for (int64_t s = size; s < 2 * size; s += 2 * half)
-                for (int64_t t = s + half; t < s + 2 * half; t++)
-                    out[t] += twice;
-        }
     }
 }
 
-/* gram (C,C) and seen (C,3) are C'C and C'Y of the columns; masks (TURNS,codes) hold the open gaps of every hypothesis. */
+/* out[subset] = sum over its pairs of gaps of pairs[gap][gap'], a gap with itself too; room: for as many sums. */
+static inline void pair_sums(int gaps, const double (*pairs)[MAX_GAPS], double *restrict room, double *restrict out)
+{
+    out[0] = 0.0;
+    for (int g = 0; g < gaps; g++) {
+        const int64_t size = (int64_t)1 << g;
+        subset_sums(g, pairs[g][g], pairs[g], room);
+        for (int64_t s = 0; s < size; s++)
+            out[size + s] = out[s] + room[s];
+    }
+}
+
+/* gram (C,C) and seen (C,3) are C'C and C'Y of the columns; masks (TURNS,codes) hold the open gaps of every hypothesis;
+ * scratch: five sums for every subset of gaps. */
 static inline int best_hypothesis(int gaps, const double *gram, const double *seen, double energy, const int32_t *masks, int codes, double relative_ridge, double *restrict scratch, Best *out)
 {
     const int C = 9 + gaps;
@@ -73,56 +70,57 @@ static inline int best_hypothesis(int gaps, const double *gram, const double *se
     for (int c = 0; c < 3; c++)
         by_two += ia * seen[3 + c] * seen[3 + c] + 2.0 * ib * seen[3 + c] * seen[9 + c] + id * seen[9 + c] * seen[9 + c];
 
+    /* Frame: white and blue together, n its normal, f what is seen of it.  With w the normal of white and p what is seen
+       of white, m = white' K frame + ridge and t = f . p, inks explain (n p.p + f.f w - 2 t m) / (n w - m m). */
     const int64_t subsets = (int64_t)1 << gaps;
-    double *restrict gg = scratch, *restrict gw = scratch + subsets, *restrict gb = scratch + 2 * subsets;
-    double *restrict y0 = scratch + 3 * subsets, *restrict y1 = scratch + 4 * subsets, *restrict y2 = scratch + 5 * subsets;
-    double *restrict score = scratch + 6 * subsets;
-    double values[MAX_GAPS + 1];
-    for (int g = 0; g < gaps; g++)
-        values[g] = K[(9 + g) * C + 9 + g];
-    subset_sums(gaps, values, K + 9 * C + 9, C, gg);
+    double *restrict above = scratch, *restrict below = scratch + subsets, *restrict room = scratch + 4 * subsets;
+    double *restrict above_turn = scratch + 2 * subsets, *restrict below_turn = scratch + 3 * subsets;
+    double f[3], ff = 0.0, by_frame[MAX_GAPS], by_seen[MAX_GAPS], above_pairs[MAX_GAPS][MAX_GAPS], below_pairs[MAX_GAPS][MAX_GAPS];
+    const double n = K[0] + 2.0 * K[2] + K[2 * C + 2] + 2.0 * ridge;
     for (int c = 0; c < 3; c++) {
-        for (int g = 0; g < gaps; g++)
-            values[g] = Y[(9 + g) * 3 + c];
-        subset_sums(gaps, values, 0, 0, scratch + (3 + c) * subsets);
+        f[c] = Y[c] + Y[6 + c];
+        ff += f[c] * f[c];
     }
+    for (int g = 0; g < gaps; g++) {
+        const double *y = Y + (9 + g) * 3;
+        by_frame[g] = K[(9 + g) * C] + K[(9 + g) * C + 2];
+        by_seen[g] = f[0] * y[0] + f[1] * y[1] + f[2] * y[2];
+        for (int h = 0; h <= g; h++) {
+            const double *z = Y + (9 + h) * 3, twice = h < g ? 2.0 : 1.0, k = K[(9 + g) * C + 9 + h];
+            const double both = y[0] * z[0] + y[1] * z[1] + y[2] * z[2];
+            above_pairs[g][h] = twice * (n * both + ff * k - by_seen[g] * by_frame[h] - by_seen[h] * by_frame[g]);
+            below_pairs[g][h] = twice * (n * k - by_frame[g] * by_frame[h]);
+        }
+    }
+    pair_sums(gaps, (const double(*)[MAX_GAPS])above_pairs, room, above);
+    pair_sums(gaps, (const double(*)[MAX_GAPS])below_pairs, room, below);
     double by_turn[TURNS], by_code = -1.0, best = -1.0;
     out->turn = 0, out->code = 0;
     for (int t = 0; t < TURNS; t++) {
-        const int T = 5 + t;
-        /* White: frame's white + rings + triangle; blue: frame's blue - rings - triangle. */
-        double ww = 0.0, wb = 0.0, bb = 0.0, yw[3], yb[3];
-        const int w[3] = {0, 4, T}, u[3] = {2, 4, T};
-        const double sign[3] = {1.0, -1.0, -1.0};
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                ww += K[w[i] * C + w[j]];
-                wb += sign[j] * K[w[i] * C + u[j]];
-                bb += sign[i] * sign[j] * K[u[i] * C + u[j]];
-            }
-        for (int c = 0; c < 3; c++) {
-            yw[c] = Y[c] + Y[12 + c] + Y[T * 3 + c];
-            yb[c] = Y[6 + c] - Y[12 + c] - Y[T * 3 + c];
+        /* White without open gaps: of the frame, rings and triangle. */
+        const int white[3] = {0, 4, 5 + t};
+        double w = ridge, m = ridge, p[3] = {0.0, 0.0, 0.0}, above_gaps[MAX_GAPS], below_gaps[MAX_GAPS];
+        for (int i = 0; i < 3; i++) {
+            for (int j = 0; j < 3; j++)
+                w += K[white[i] * C + white[j]];
+            m += K[white[i] * C] + K[white[i] * C + 2];
+            for (int c = 0; c < 3; c++)
+                p[c] += Y[3 * white[i] + c];
         }
-        for (int g = 0; g < gaps; g++)
-            values[g] = K[(9 + g) * C] + K[(9 + g) * C + 4] + K[(9 + g) * C + T];
-        subset_sums(gaps, values, 0, 0, gw);
-        for (int g = 0; g < gaps; g++)
-            values[g] = K[(9 + g) * C + 2] - K[(9 + g) * C + 4] - K[(9 + g) * C + T];
-        subset_sums(gaps, values, 0, 0, gb);
-        double w0 = yw[0], w1 = yw[1], w2 = yw[2], b0 = yb[0], b1 = yb[1], b2 = yb[2];
-        for (int64_t s = 0; s < subsets; s++) {
-            double aa = ww - 2.0 * gw[s] + gg[s] + ridge, dd = bb + 2.0 * gb[s] + gg[s] + ridge;
-            double o = wb + gw[s] - gb[s] - gg[s];
-            double p0 = w0 - y0[s], p1 = w1 - y1[s], p2 = w2 - y2[s];
-            double q0 = b0 + y0[s], q1 = b1 + y1[s], q2 = b2 + y2[s];
-            double pp = p0 * p0 + p1 * p1 + p2 * p2, pq = p0 * q0 + p1 * q1 + p2 * q2, qq = q0 * q0 + q1 * q1 + q2 * q2;
-            score[s] = (dd * pp - 2.0 * o * pq + aa * qq) / (aa * dd - o * o);
+        const double seen_by_frame = f[0] * p[0] + f[1] * p[1] + f[2] * p[2], pp = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
+        for (int g = 0; g < gaps; g++) {
+            const double *k = K + (9 + g) * C, *y = Y + (9 + g) * 3;
+            const double by_white = k[0] + k[4] + k[5 + t], both = y[0] * p[0] + y[1] * p[1] + y[2] * p[2];
+            above_gaps[g] = 2.0 * (m * by_seen[g] + seen_by_frame * by_frame[g] - n * both - ff * by_white);
+            below_gaps[g] = 2.0 * (m * by_frame[g] - n * by_white);
         }
+        subset_sums(gaps, n * pp + ff * w - 2.0 * seen_by_frame * m, above_gaps, above_turn);
+        subset_sums(gaps, n * w - m * m, below_gaps, below_turn);
         double first = -1.0, second = -1.0;
         int at = 0;
         for (int c = 0; c < codes; c++) {
-            double e = score[masks[t * codes + c]];
+            const int32_t s = masks[t * codes + c];
+            const double e = (above[s] + above_turn[s]) / (below[s] + below_turn[s]);
             if (e > first) {
                 second = first;
                 first = e;
@@ -152,38 +150,31 @@ static inline int best_hypothesis(int gaps, const double *gram, const double *se
     return best >= 0.0;
 }
 
+/* Of one number for every column (every `stride` doubles), those of white, red, blue and surroundings in a hypothesis. */
+static inline void sum_of_inks(int gaps, const double *columns, int64_t stride, int turn, uint32_t open, double *inks)
+{
+    double parts = columns[4 * stride] + columns[(5 + turn) * stride];
+    for (int g = 0; g < gaps; g++)
+        parts -= open >> g & 1 ? columns[(9 + g) * stride] : 0.0;
+    for (int k = 0; k < INKS; k++)
+        inks[k] = columns[k * stride];
+    inks[0] += parts;
+    inks[2] -= parts;
+}
+
 /* M' gram M and M' seen of one hypothesis, M (C,4) choosing what is white, red, blue and surroundings. */
 static inline void hypothesis_normal(int gaps, const double *gram, const double *seen, int turn, uint32_t open, double *normal, double *by_inks)
 {
     const int C = 9 + gaps;
-    double M[MAX_COLUMNS][INKS], GM[MAX_COLUMNS][INKS];
+    double GM[MAX_COLUMNS][INKS], by_channel[INKS];
     for (int i = 0; i < C; i++)
+        sum_of_inks(gaps, gram + i * C, 1, turn, open, GM[i]);
+    for (int k = 0; k < INKS; k++)
+        sum_of_inks(gaps, GM[0] + k, INKS, turn, open, normal + k * INKS);
+    for (int c = 0; c < 3; c++) {
+        sum_of_inks(gaps, seen + c, 3, turn, open, by_channel);
         for (int k = 0; k < INKS; k++)
-            M[i][k] = i == k ? 1.0 : 0.0;
-    M[4][0] = M[5 + turn][0] = 1.0;
-    M[4][2] = M[5 + turn][2] = -1.0;
-    for (int g = 0; g < gaps; g++)
-        if (open >> g & 1) {
-            M[9 + g][0] = -1.0;
-            M[9 + g][2] = 1.0;
-        }
-    for (int i = 0; i < C; i++)
-        for (int k = 0; k < INKS; k++) {
-            GM[i][k] = 0.0;
-            for (int j = 0; j < C; j++)
-                GM[i][k] += gram[i * C + j] * M[j][k];
-        }
-    for (int k = 0; k < INKS; k++) {
-        for (int l = 0; l < INKS; l++) {
-            normal[k * INKS + l] = 0.0;
-            for (int i = 0; i < C; i++)
-                normal[k * INKS + l] += M[i][k] * GM[i][l];
-        }
-        for (int c = 0; c < 3; c++) {
-            by_inks[k * 3 + c] = 0.0;
-            for (int i = 0; i < C; i++)
-                by_inks[k * 3 + c] += M[i][k] * seen[i * 3 + c];
-        }
+            by_inks[k * 3 + c] = by_channel[k];
     }
 }
 
