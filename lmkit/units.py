@@ -10,6 +10,7 @@ from lmkit.errors import InputError
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "pt": 25.4 / 72.0}
 POINTS_PER_MM = 72.0 / 25.4
 MM_PER_INCH = 25.4
+NANOSECONDS_FROM = 1e17  # seconds since 1970 pass this in three billion years, nanoseconds did in 1973
 
 UNITS_PER_METER = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet"}
 LIKE_UNIT = 0.12  # logarithm of a ratio to that of a unit

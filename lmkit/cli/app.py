@@ -10,6 +10,7 @@ import typer
 from lmkit.cli.checked_options import CheckedOptions
 from lmkit.cli.commands import COMMANDS, DEBUG_HELP, HELP, VERSION_HELP
 from lmkit.cli.option_groups import with_groups
+from lmkit.cli.plain_values import PlainGroup
 from lmkit.version import __version__
 
 
@@ -17,6 +18,7 @@ def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
     """The command line with some of its commands; each name imports its module."""
     app = typer.Typer(
         name="lmkit",
+        cls=PlainGroup,
         help=HELP,
         add_completion=False,
         rich_markup_mode=None,

@@ -11,6 +11,7 @@ from typing import Any
 
 from typer.core import TyperCommand
 
+from lmkit.cli.plain_values import taken_plainly
 from lmkit.errors import InputError
 
 _YAML, _CSV, _HTML, _PDF = (".yaml", ".yml", ".json"), (".csv", ".txt"), (".html", ".htm"), (".pdf",)
@@ -53,6 +54,10 @@ class CheckedOptions(TyperCommand):
         super().__init__(*args, **kwargs)
         for option in self.params:
             name_value(option)
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Options and arguments, those of the parser among them."""
+        return taken_plainly(super().get_params(ctx))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Arguments of the usage line: ``FILE`` where one is needed, ``[FILE]`` where not."""

@@ -50,7 +50,6 @@ def run(
     from lmkit.io.image_sources import frame_count
     from lmkit.io.images import read_image
     from lmkit.model.families import families_named
-    from lmkit.pipelines.annotated import AnnotatedFolder
     from lmkit.pipelines.detect_images import (
         DETECTION_COLUMNS,
         detect_in_sources,
@@ -58,7 +57,6 @@ def run(
         detected_line,
         detected_rows,
     )
-    from lmkit.visualization.overlay import draw_landmarks
 
     if strict and eager:
         raise InputError("contradicting_options", "--strict and --eager exclude each other", "give one of them")
@@ -69,7 +67,12 @@ def run(
     failed: list[InputError] = []
     rows = [DETECTION_COLUMNS]
     with ExitStack() as stack:
-        drawn = None if annotate is None else stack.enter_context(AnnotatedFolder(annotate, force))
+        drawn = None
+        if annotate is not None:
+            from lmkit.pipelines.annotated import AnnotatedFolder
+            from lmkit.visualization.overlay import draw_landmarks
+
+            drawn = stack.enter_context(AnnotatedFolder(annotate, force))
         answers = detect_in_sources(sources, choices, with_images=annotate is not None)
         for answer in progress(answers, frame_count(sources), "detecting landmarks"):
             count += 1

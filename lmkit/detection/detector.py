@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from lmkit.detection.pixel_sampling import mean_side, middle_of
 from lmkit.detection.register_and_decode import Candidate, register_all, register_and_decode
 from lmkit.detection.screening import LikelyRule, likely_squares
 from lmkit.detection.shadows import window_for
-from lmkit.detection.tag_detector import find_tags
-from lmkit.detection.tag_registration import TagCandidate
 from lmkit.detection.veil import without_veil
 from lmkit.detection.windows import LEAST_WINDOW_PX, clockwise, window_around
 from lmkit.errors import InputError
@@ -28,7 +26,10 @@ from lmkit.kernels.screening import Pyramid, Shares
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.observation import Detection
 
-AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
+if TYPE_CHECKING:
+    from lmkit.detection.tag_registration import TagCandidate
+
+AnyCandidate = TypeVar("AnyCandidate", bound="Candidate | TagCandidate")
 # The strict limit: what is read less surely may lie in a shadow.  Small landmarks are seldom read more surely; of 37
 # on simulated images that were tried as shadows, none was accepted as another code there.
 SURE_LOG_ODDS, SMALL_PX = 3.0, 30.0
@@ -52,6 +53,8 @@ def detect_landmarks(
     if options.ring_families:
         found += candidates_of(image, options) if near is None else candidates_near(image, near, options)
     if options.square_families:
+        from lmkit.detection.tag_detector import find_tags
+
         found += find_tags(image, options, near)
     places = best_of_each_place([c for c in found if c.rejected is None])
     return [c.observation for c in without_covered(places)]

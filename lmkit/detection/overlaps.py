@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
@@ -16,10 +16,12 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.detection.pixel_sampling import middle_of
 from lmkit.detection.register_and_decode import Candidate
-from lmkit.detection.tag_registration import TagCandidate
 from lmkit.model.landmark import LandmarkFamily
 
-AnyCandidate = TypeVar("AnyCandidate", bound=Candidate | TagCandidate)
+if TYPE_CHECKING:
+    from lmkit.detection.tag_registration import TagCandidate
+
+AnyCandidate = TypeVar("AnyCandidate", bound="Candidate | TagCandidate")
 POINTS_ACROSS_GAP, COVERED_POINTS = 7, 5  # of one gap position; fewer leave enough of it to read
 
 

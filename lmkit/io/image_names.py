@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lmkit.io.tables import NANOSECONDS_FROM
+from lmkit.units import NANOSECONDS_FROM
 
 MOST_APART_S = 0.02  # between the stamps of cameras that are triggered together
 LEAST_SHARE = 0.5  # of images with partners for a name to tell; counters of two cameras may overlap by chance

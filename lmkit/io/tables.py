@@ -12,10 +12,10 @@ from pathlib import Path
 
 from lmkit.errors import InputError
 from lmkit.io.documents import read_text, with_article
+from lmkit.units import NANOSECONDS_FROM
 
 LARGEST = 1e9  # of a length in m, an angle in rad or a pixel; whatever is larger is no measurement
 LARGEST_TIME = 1e19
-NANOSECONDS_FROM = 1e17  # seconds since 1970 pass this in three billion years, nanoseconds did in 1973
 
 
 def read_rows(path: Path, what: str) -> list[list[str]]:

@@ -17,8 +17,9 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import read_text
 from lmkit.io.field_problems import plain_problem
-from lmkit.io.tables import LARGEST, NANOSECONDS_FROM, to_number, to_seconds
+from lmkit.io.tables import LARGEST, to_number, to_seconds
 from lmkit.model.trajectory import Trajectory
+from lmkit.units import NANOSECONDS_FROM
 
 UNIT = 1e-2
 KITTI_COUNT = 12  # numbers a row: R and t, without a time

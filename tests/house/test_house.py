@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from PIL import Image
 
 import lmkit
 from lmkit.cli.app import public_commands
@@ -29,8 +30,7 @@ def test_help_loads_nothing_heavy(arguments):
     code = (
         "import sys\nfrom lmkit.cli import main\n"
         f"main.guarded(lambda: main.app({arguments!r}, standalone_mode=False), False)\n"
-        # Typer itself loads pydantic once a command has parameters.
-        "heavy = {'numpy', 'scipy', 'cv2', 'PIL', 'reportlab', 'yaml', 'pypdfium2'} & set(sys.modules)\n"
+        "heavy = {'numpy', 'scipy', 'cv2', 'PIL', 'reportlab', 'yaml', 'pydantic', 'pypdfium2'} & set(sys.modules)\n"
         "sys.exit(f'loaded: {heavy}' if heavy else 0)\n"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -53,6 +53,20 @@ def test_reading_a_map_loads_no_scipy():
     """Its import takes longer than `lmkit locate` does without it."""
     code = "import sys\nimport lmkit.io.external_maps\nsys.exit('scipy' in sys.modules)\n"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_detecting_loads_what_it_needs(tmp_path):
+    """Pydantic alone would take a quarter of `lmkit detect`."""
+    Image.new("RGB", (64, 48), "gray").save(tmp_path / "gray.png")
+    code = (
+        "import sys\nfrom lmkit.cli import main\n"
+        f"main.guarded(lambda: main.run_arguments(['detect', {str(tmp_path / 'gray.png')!r}]), False)\n"
+        "assert 'lmkit.detection.detector' in sys.modules\n"
+        "heavy = {'pydantic', 'yaml', 'scipy', 'rich', 'lmkit.detection.tag_detector', 'lmkit.visualization'}\n"
+        "sys.exit(f'loaded: {heavy & set(sys.modules)}' if heavy & set(sys.modules) else 0)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
 
 
 def test_the_list_of_commands_loads_no_typer():
