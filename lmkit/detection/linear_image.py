@@ -28,7 +28,7 @@ Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
 LEAST_ERROR = 1 / 255  # twice as much reads a little more, and more wrong codes
 # Clearing a box costs less than new pages of memory, and so do levels that are written anew.
-_BLANKS, _LEVELS = Loans(2), Loans(8)
+_BLANKS, _LEVELS = Loans(2), Loans(2)
 
 
 @dataclass(frozen=True)
@@ -115,12 +115,13 @@ class LinearImage:
     def pyramid(self) -> Pyramid:
         """The image and its halvings, averaged in code values."""
         levels = [self.source.image]
-        while min(levels[-1].shape[:2]) > 2 * LEAST_LEVEL_PX and len(levels) < 8:
-            down, across = levels[-1].shape[0] // 2, levels[-1].shape[1] // 2
-            # A last row or column without a partner is left out: shares of pixels take ten times as long.
-            even = levels[-1][: 2 * down, : 2 * across]
-            halved = _LEVELS.lend((down, across, 3), np.uint8)
-            cv2.resize(even, (across, down), dst=halved, interpolation=cv2.INTER_AREA)
+        # A last row or column without a partner is left out: shares of pixels take ten times as long.
+        shapes = _halved_shapes(*levels[0].shape[:2])
+        # One loan for all, whose arrays keep it.
+        rest = _LEVELS.lend((3 * sum(down * across for down, across in shapes),), np.uint8)
+        for down, across in shapes:
+            halved, rest = rest[: 3 * down * across].reshape(down, across, 3), rest[3 * down * across :]
+            cv2.resize(levels[-1][: 2 * down, : 2 * across], (across, down), dst=halved, interpolation=cv2.INTER_AREA)
             levels.append(halved)
         return Pyramid(tuple(levels), self.source.linear)
 
@@ -163,6 +164,16 @@ class LinearImage:
     def half_width(self) -> float:
         """Half of the image's width, px."""
         return self.size[0] / 2
+
+
+@lru_cache(maxsize=16)
+def _halved_shapes(height: int, width: int) -> list[tuple[int, int]]:
+    """Rows and columns of an image's halvings."""
+    shapes: list[tuple[int, int]] = []
+    while min(height, width) > 2 * LEAST_LEVEL_PX and len(shapes) < 7:
+        height, width = height // 2, width // 2
+        shapes.append((height, width))
+    return shapes
 
 
 def _straightened(camera: CameraModel, at: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@
 #define ROWS (STATE + 1 + INKS + SHIFT) /* slopes, residual, design, slopes with the shift */
 #define DISTORTION 11 /* its place in the state */
 #define JETS (JET * INKS * BLOCK)
+#define TO_PLACE 100.0 /* fall of chi2 below which no step is looked at before the last round */
 
 /* What is fitted, and how strongly priors hold: ridge, distortion prior, shading prior, bleed prior, prior weight, prior of
  * the shift of colors, which is estimated where they have weights of their own. */
@@ -502,8 +503,7 @@ static void clamp_spread(double *s, double low, double high)
     s[1] *= scale;
 }
 
-/* state + step, within limits: least and most eigenvalue of the spread, distortion, shading, bleed; then the
- * fall of chi2 below which a step is not looked at. */
+/* state + step, within limits: least and most eigenvalue of the spread, distortion, shading, bleed. */
 static void move(const double *state, const double *step, const double *limits, double *out)
 {
     for (int i = 0; i < STATE; i++)
@@ -561,8 +561,9 @@ static int error_of(const Problem *p, const double *state, double *error)
     return isfinite(*error);
 }
 
-/* *drawn: 1 where the jets in scratch are those of the state; before and behind. */
-static int gauss_newton(const Problem *p, const double *limits, int64_t iterations, double to_px, double *state, double *normal, double *error, int *drawn)
+/* negligible: fall of chi2 below which a step is not looked at.  *drawn: 1 where the jets in scratch are those of the
+ * state; before and behind. */
+static int gauss_newton(const Problem *p, const double *limits, double negligible, int64_t iterations, double to_px, double *state, double *normal, double *error, int *drawn)
 {
     double gradient[STATE], trial_normal[STATE * STATE], trial_gradient[STATE];
     double damping = 1e-3;
@@ -601,7 +602,7 @@ static int gauss_newton(const Problem *p, const double *limits, int64_t iteratio
                     for (int i = 0; i < STATE; i++)
                         fall -= gradient[i] * step[i];
                     /* A last step whose gain is smaller than the noise is taken without another look. */
-                    if (attempt == 0 && fall < limits[5] * *error) {
+                    if (attempt == 0 && fall < negligible * *error) {
                         memcpy(state, trial, sizeof trial);
                         return 1;
                     }
@@ -737,12 +738,13 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
         Problem weighted = plain;
         weighted.variance = robust_variance;
         weighted.rules = weighted_rules;
-        /* The first round has brought the drawing to its place. */
         if (cells && round > 0) {
             weighted.cells = cells;
             weigh_mosaic(&plain, state, inks, scale, cells, mosaic, weighted.color_roots);
         }
-        if (!gauss_newton(&weighted, limits, iterations, to_px, state, normal, error, &drawn))
+        /* With a mosaic, rounds before the last only bring the drawing to its place. */
+        const double negligible = cells && round + 1 < rounds ? TO_PLACE : limits[5];
+        if (!gauss_newton(&weighted, limits, negligible, iterations, to_px, state, normal, error, &drawn))
             return 1;
     }
     *prior_weight = weighted_rules[4];

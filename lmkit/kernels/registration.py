@@ -23,6 +23,7 @@ Float32Array = NDArray[np.float32]
 
 BLOCK = 64
 BLUE_GREEN_RED = np.array([-1.0, 0.0, 1.0])  # signs of their displacement from green
+TO_PLACE = 100.0  # fall of chi2 below which no step is looked at before the last round
 EVIDENT_BLOCKS = 10  # so few blocks of pixels, or fewer, tell the place of a mosaic's colors
 
 
@@ -172,7 +173,8 @@ def register(
 
     Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is down-weighted anew at
     the beginning of every round.  From the second round on, so are values that a mosaic lacks, and red and blue may
-    lie beside green: the lens or the demosaicer moved them, by as much to opposite sides.
+    lie beside green: the lens or the demosaicer moved them, by as much to opposite sides.  With a mosaic, the rounds
+    before the last one end at a coarser step, `TO_PLACE`.
     """
     kernel = _register_kernel()
     if kernel is None:
@@ -304,10 +306,11 @@ def register_numpy(
             weights = robust_weights_numpy(drawing, view, samples, priors, state, hypothesis)
             weighted = samples._replace(variance=weights.variance)
             priors = priors._replace(weight=weights.prior_weight)
-        # The first round has brought the drawing to its place.
         if mosaic is not None and k > 0:
             roots = _color_roots(drawing, view, samples, priors, state, hypothesis, mosaic)
-        state, normal, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, steps, roots)
+        # With a mosaic, rounds before the last only bring the drawing to its place.
+        here = steps._replace(negligible=TO_PLACE) if mosaic is not None and k + 1 < steps.rounds else steps
+        state, normal, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, here, roots)
     return Registered(state, weighted.variance, priors.weight, normal, error)
 
 
