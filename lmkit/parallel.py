@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -95,6 +95,20 @@ def map_sharing(
 ) -> Generator[Answer, None, None]:
     """``work(shared, job)`` of every job, as :func:`map_in_processes`; ``shared`` is sent to each process once."""
     yield from _map(partial(work, shared), partial(_with_shared, work), shared, list(jobs))
+
+
+def map_in_threads(work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Generator[Answer, None, None]:
+    """``work`` of every job, in order, in at most `job_limit` threads of this process.
+
+    For work that OpenCV, numpy and kernels do on large arrays, without the interpreter's lock: threads need neither
+    imports nor copies of what jobs share.
+    """
+    limit = job_limit()
+    if limit == 1:
+        yield from map(work, jobs)
+        return
+    with ThreadPoolExecutor(limit) as pool:
+        yield from pool.map(work, jobs)
 
 
 def _map(

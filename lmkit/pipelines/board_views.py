@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from lmkit.errors import InputError
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
-from lmkit.parallel import map_in_processes
+from lmkit.parallel import map_in_processes, map_in_threads
 
 SPEC_CHECK_IMAGES = 3
 MIN_COMMON_CORNERS = 6
@@ -63,7 +64,7 @@ def find_board_pairs(
     sizes: tuple[tuple[int, int], tuple[int, int]] | None = None
     board = checked_board([read_image(left) for left, _ in files[:SPEC_CHECK_IMAGES]], board)
     both = [file for pair in files for file in pair]
-    with closing(map_in_processes(partial(_look, board=board), both)) as looked:
+    with closing(mapped_for(board)(partial(_look, board=board), both)) as looked:
         for done, (left_file, right_file) in enumerate(files, start=1):
             name = left_file.stem
             (size_left, seen_left), (size_right, seen_right) = next(looked), next(looked)
@@ -79,6 +80,11 @@ def find_board_pairs(
     assert sizes is not None
     names = {left.stem: (left, right) for left, right in files}
     return BoardPairs(tuple(views), tuple(rejected), names, sizes[0], board, sizes[1])
+
+
+def mapped_for(board: BoardSpec) -> Callable[..., Generator[Any, None, None]]:
+    """How images of a board are spread over cores: chessboards in threads, since OpenCV does most of the work."""
+    return map_in_threads if board.kind == "chessboard" else map_in_processes
 
 
 def require_same_size(name: str, here: tuple[int, int], size: tuple[int, int]) -> None:

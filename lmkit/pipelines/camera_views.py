@@ -18,8 +18,7 @@ from lmkit.io.image_sources import frame_count, list_images
 from lmkit.io.images import read_image
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
-from lmkit.parallel import map_in_processes
-from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board, require_same_size
+from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board, mapped_for, require_same_size
 from lmkit.pipelines.still_frames import StillFrames, still_frames
 
 VIDEO_CHECK_FRAMES = 20  # of a video, looked at for another board than the one specified
@@ -59,7 +58,7 @@ def find_board_images(
     board = checked_board([read_image(file) for file in files[:SPEC_CHECK_IMAGES]], board)
     views, rejected = [], []
     size: tuple[int, int] | None = None
-    with closing(map_in_processes(partial(_look, board=board), files)) as looked:
+    with closing(mapped_for(board)(partial(_look, board=board), files)) as looked:
         for done, (file, (here, seen)) in enumerate(zip(files, looked, strict=True), start=1):
             size = size or here
             require_same_size(str(file), here, size)

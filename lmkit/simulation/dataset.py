@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.model.board import BoardSpec
 from lmkit.model.families import MarkerFamily
-from lmkit.parallel import map_sharing
+from lmkit.parallel import map_in_threads
 from lmkit.simulation.photograph import ImagingChain, photograph
 from lmkit.simulation.scene import Scene, board_panel, board_poses, drive, make_rig, make_room, studio
 
@@ -58,10 +59,10 @@ def make_dataset(
 
 
 def render_images(data: Dataset) -> Iterator[tuple[str, ByteArray]]:
-    """(relative file name, BGR image) of all pairs, on as many processes as there are cores."""
+    """(relative file name, BGR image) of all pairs, on as many threads as there are cores."""
     jobs = [("drive", k, side) for k in range(len(data.poses)) for side in ("left", "right")]
     jobs += [("boards", k, side) for k in range(len(data.boards)) for side in ("left", "right")]
-    yield from map_sharing(_take, data, jobs)
+    yield from map_in_threads(partial(_take, data), jobs)
 
 
 def _take(data: Dataset, job: tuple[str, int, str]) -> tuple[str, ByteArray]:

@@ -11,10 +11,10 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lmkit.arrays import Float32Array
+from lmkit.arrays import Float32Array, FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
-from lmkit.kernels.ray_panels import meet_panel, paint_panel
+from lmkit.kernels.ray_panels import NEAREST_M, meet_panel, paint_panel
 from lmkit.simulation.scene import Panel, Scene
 
 OVERSAMPLE = 3
@@ -36,7 +36,8 @@ def render(
     depth = np.full((height, width), np.inf, dtype=np.float32)
     for panel in scene.panels:
         _paint(image, depth, rays, panel, T_map_camera)
-    return np.asarray(image * falloff[:, :, None])
+    image *= falloff[:, :, None]
+    return image
 
 
 @lru_cache(maxsize=4)
@@ -88,14 +89,12 @@ def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float3
 
 
 def _window(T_camera_panel: Pose, size_m: tuple[float, float], rays: Float32Array) -> tuple[slice, slice] | None:
-    """Rows and columns that can see a small panel; everything for one that reaches behind the camera."""
+    """Rows and columns that can see a panel."""
     w, h = 0.55 * size_m[0], 0.55 * size_m[1]  # a curled panel reaches a little over its plane's outline
     corners = T_camera_panel.apply(np.array([[-w, h, 0], [w, h, 0], [w, -h, 0], [-w, -h, 0]]))
-    everything = (slice(0, rays.shape[0]), slice(0, rays.shape[1]))
-    if corners[:, 2].max() <= 0.05:
+    corners = _ahead(corners)
+    if len(corners) == 0:
         return None
-    if corners[:, 2].min() <= 0.05:
-        return everything
     flat = corners[:, :2] / corners[:, 2:]
     # Every eighth ray is enough to find the window, with the slack of one such step around it.
     coarse = rays[::8, ::8]
@@ -106,3 +105,15 @@ def _window(T_camera_panel: Pose, size_m: tuple[float, float], rays: Float32Arra
     if len(rows) == 0:
         return None
     return slice(8 * int(rows[0]), 8 * int(rows[-1]) + 8), slice(8 * int(columns[0]), 8 * int(columns[-1]) + 8)
+
+
+def _ahead(corners: FloatArray) -> FloatArray:
+    """Corners of the part of a convex outline that is `NEAREST_M` before the camera or further."""
+    beyond = corners[:, 2] - NEAREST_M
+    kept = []
+    for a, b, here, there in zip(corners, np.roll(corners, -1, axis=0), beyond, np.roll(beyond, -1), strict=True):
+        if here >= 0:
+            kept.append(a)
+        if here * there < 0:
+            kept.append(a + here / (here - there) * (b - a))
+    return np.array(kept)

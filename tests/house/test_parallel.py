@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from multiprocessing.context import SpawnProcess
 from multiprocessing.spawn import get_preparation_data
@@ -53,6 +54,35 @@ def test_the_second_job_tells_what_the_rest_costs(monkeypatch):
     clock = iter([0.0, 9.0, 9.0, 9.1])
     monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
     assert {process for _, process in parallel.map_in_processes(answer, range(9))} == {os.getpid()}
+
+
+def thread_of(number: int) -> tuple[int, int]:
+    return number, threading.get_ident()
+
+
+@pytest.mark.parametrize("limit", [1, 3])
+def test_threads_answer_in_order_and_are_bounded(limit):
+    parallel.set_jobs(limit)
+    answers = list(parallel.map_in_threads(thread_of, range(20)))
+    assert [number for number, _ in answers] == list(range(20))
+    threads = {thread for _, thread in answers}
+    assert len(threads) <= limit
+    assert (threading.get_ident() in threads) == (limit == 1)
+
+
+def test_jobs_that_nobody_waits_for_are_not_begun():
+    parallel.set_jobs(2)
+    begun = []
+
+    def slow(number: int) -> int:
+        begun.append(number)
+        time.sleep(0.02)
+        return number
+
+    answers = parallel.map_in_threads(slow, range(50))
+    next(answers)
+    answers.close()
+    assert len(begun) < 20
 
 
 def test_the_bound_is_the_option_s_then_the_environment_s(monkeypatch):

@@ -22,6 +22,7 @@ from lmkit.model.landmark import LM8
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.square_marker import SQUARE_FAMILIES
+from lmkit.simulation import render as rendering
 from lmkit.simulation.dataset import description_files, make_dataset, truth
 from lmkit.simulation.photograph import ImagingChain, Lens, Sensor, focus, photograph
 from lmkit.simulation.render import render
@@ -47,6 +48,17 @@ def test_the_same_seed_gives_the_same_room_and_image():
         data = make_dataset(4, 2, 0, 6, family=LM8)
         images.append(photograph(data.scene, rig.left, data.poses[0], ImagingChain(), np.random.default_rng(1)))
     assert np.array_equal(*images)
+
+
+def test_rays_are_met_where_they_can_see_a_panel(monkeypatch):
+    """Walls beside the camera reach behind it."""
+    data = make_dataset(4, 3, 0, 6, family=LM8)
+    bounded = [render(data.scene, data.rig.left, pose) for pose in data.poses]
+    monkeypatch.setattr(rendering, "_window", lambda T, size_m, rays: tuple(map(slice, rays.shape[:2])))
+    assert all(
+        np.array_equal(image, render(data.scene, data.rig.left, pose))
+        for image, pose in zip(bounded, data.poses, strict=True)
+    )
 
 
 @pytest.mark.slow
