@@ -1,10 +1,12 @@
 """Detection beside ArUco on the same images, in the same process, on one thread.
 
     OMP_NUM_THREADS=1 uv run --extra benchmark python benchmarks/detection_speed.py ROOMS [--plot docs/benchmarks]
+        [--stages]
 
 Time is the thread's processor time; ratios are of means, beside the 90th percentile of the ratios of single images.
 The rooms are 640x480; larger sizes are enlarged by cubic interpolation, since no larger rooms are there, and show
-cost, not quality.  ArUco is ``DICT_4X4_250`` with default settings on the gray image, the conversion included.
+cost, not quality.  With ``--stages``: how long the steps of detection take, also in the images whose ratio is the
+largest.  ArUco is ``DICT_4X4_250`` with default settings on the gray image, the conversion included.
 """
 
 from __future__ import annotations
@@ -19,11 +21,19 @@ import cv2
 import numpy as np
 from rooms import is_counted
 
+from lmkit.detection.candidates import find_candidates
 from lmkit.detection.config import PROFILES, DetectOptions
 from lmkit.detection.detector import detect_landmarks
+from lmkit.detection.linear_image import LinearImage
+from lmkit.detection.register_and_decode import register_all
+from lmkit.detection.screening import LikelyRule, likely_squares
+from lmkit.detection.veil import without_veil
 from lmkit.kernels.load import describe
+from lmkit.kernels.screening import Shares
 
 ENLARGED = {"VGA": 1.0, "720 rows": 1.5, "1080 rows": 2.25}
+STAGES = ("image", "outlines", "screening", "fits", "shadows, rest")
+RUNS, TAIL = 5, 0.1  # of which the fastest counts; share of the images with the largest ratios
 SHIFT = 0.04  # standard deviation of predicted corners, of the side
 
 
@@ -103,6 +113,53 @@ def print_near(rooms: list[tuple[np.ndarray, list[dict]]]) -> None:
     print(f"| near predictions: time of a landmark / ArUco's whole image | {ratio:.2f} ({again} of {count} again) |")
 
 
+def stages_of(image: np.ndarray, options: DetectOptions) -> list[float]:
+    """Processor seconds of ArUco, all of detection and its `STAGES`; then numbers of squares, fits and landmarks."""
+    config, family = options.config, options.ring_families[0]
+    rule = LikelyRule(Shares(config.min_pattern, config.min_aligned_pattern), config.align_rounds, config.aligned)
+    linear, clear = LinearImage.of(image), without_veil(LinearImage.of(image))
+    quads = find_candidates(clear.pyramid.levels, config.sources, config.where, clear.noise)
+    likely = likely_squares(clear.pyramid, quads, family, rule).quads
+    peer = aruco()
+    steps: tuple[Callable[[], object], ...] = (
+        lambda: peer(image),
+        lambda: detect_landmarks(image, options),
+        lambda: without_veil(LinearImage.of(image)),
+        lambda: find_candidates(clear.pyramid.levels, config.sources, config.where, clear.noise),
+        lambda: likely_squares(clear.pyramid, quads, family, rule),
+        lambda: register_all(linear, likely, family, options),
+    )
+    spent = np.min([[timed(step)[0] for step in steps] for _ in range(RUNS)], axis=0)
+    rest = spent[1] - spent[2:].sum()
+    return [*spent, rest, len(quads), len(likely), len(detect_landmarks(image, options))]
+
+
+def print_stages(rooms: list[tuple[np.ndarray, list[dict]]]) -> None:
+    """Mean milliseconds of the stages, in all images and in those with the largest ratios."""
+    for profile in ("fast", "balanced"):
+        options = DetectOptions(config=PROFILES[profile])
+        rows = np.array([stages_of(image, options) for image, _ in rooms])
+        ratio = rows[:, 1] / rows[:, 0]
+        order, count = np.argsort(ratio), round(TAIL * len(rows))
+        print(
+            f"\n| {profile}, ms | images | ratio | ArUco | lmkit | "
+            + " | ".join(STAGES)
+            + " | squares | fits | read |"
+        )
+        print("|---|" + "---|" * (len(STAGES) + 7))
+        for name, some in (("all", order), ("largest ratios", order[-count:]), ("the others", order[:-count])):
+            mean = rows[some].mean(axis=0)
+            times = " | ".join(f"{1000 * spent:.2f}" for spent in mean[:-3])
+            counts = " | ".join(f"{number:.1f}" for number in mean[-3:])
+            print(f"| {name} | {len(some)} | {mean[1] / mean[0]:.2f} | {times} | {counts} |")
+        logs = np.log(ratio), np.log(rows[:, 0]), np.log(rows[:, 1])
+        by_aruco, by_own = (np.corrcoef(logs[0], other)[0, 1] for other in logs[1:])
+        print(
+            f"\n90th percentile of the ratio {np.percentile(ratio, 90):.2f}; its logarithm goes with ArUco's time by "
+            f"{by_aruco:.2f}, with lmkit's {by_own:.2f}"
+        )
+
+
 def plot(points: dict[str, tuple[float, float]], folder: Path) -> None:
     import matplotlib
 
@@ -131,10 +188,14 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("rooms", type=Path)
     parser.add_argument("--plot", type=Path)
+    parser.add_argument("--stages", action="store_true", help="times of the steps of detection, and nothing else")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     rooms = room_images(options.rooms)
     print(describe() + "\n")
+    if options.stages:
+        print_stages(rooms)
+        return
     points = print_profiles(rooms)
     print()
     print_near(rooms)

@@ -649,9 +649,11 @@ static int64_t active_runs(const uint8_t *where, int64_t down, int64_t across, i
     int64_t found = 0, x = 0;
     int within = 0;
     for (int64_t j = 0; j < across && x < width; j += tall, x += size) {
-        int any = where[top * across + j];
-        for (int64_t i = 1; i < tall * tall && !any; i++)
-            any = top + i / tall < bottom && j + i % tall < across ? where[(top + i / tall) * across + j + i % tall] : 0;
+        const int64_t right = j + tall < across ? j + tall : across;
+        int any = 0;
+        for (int64_t i = top; i < bottom; i++)
+            for (int64_t k = j; k < right; k++)
+                any |= where[i * across + k];
         if ((any != 0) != within) {
             runs[2 * found + within] = (int32_t)x;
             found += within;

@@ -27,7 +27,7 @@ typedef struct {
     int quarter, fit_distortion;
     float *scratch;
     const float *cells; /* of a color mosaic, whose values then have weights of their own; or null */
-    float color_roots[3][PLACES];
+    float color_roots[3][PLACES], *roots;
 } Problem;
 
 LMKIT_EXPORT int lmkit_linearize(int64_t n, const float *drawing, const double *view, const float *at,
@@ -50,22 +50,33 @@ static int in_block(const Problem *p, int64_t b)
     return left < BLOCK ? (int)left : BLOCK;
 }
 
-/* Square roots of the weights in a block: of blue, green and red, or the first for all where there is no mosaic. */
-static void load_roots(const Problem *p, int64_t b, int count, block *roots)
+/* Square roots of the weights into scratch: of blue, green and red, or of all at once where there is no mosaic. */
+static void fill_roots(Problem *p)
 {
-    load_root(p->variance + b * BLOCK, count, roots[0]);
-    if (!p->cells)
-        return;
-    block cell;
-    load_block(p->cells + b * BLOCK, count, cell);
-    for (int c = 2; c >= 0; c--) {
-        const float *w = p->color_roots[c];
-        const float right = w[1] - w[0], down = w[2] - w[0], both = w[3] - w[2] - right;
-        EACH {
-            float y = cell[i] >= 2.0f ? 1.0f : 0.0f, x = cell[i] - 2.0f * y;
-            roots[c][i] = roots[0][i] * (w[0] + right * x + down * y + both * x * y);
+    p->roots = p->scratch + blocks_of(p->n) * (JETS + BLOCK);
+    for (int64_t b = 0; b < blocks_of(p->n); b++) {
+        const int count = in_block(p, b);
+        float *first = p->roots + b * BLOCK;
+        load_root(p->variance + b * BLOCK, count, first);
+        if (!p->cells)
+            continue;
+        block cell;
+        load_block(p->cells + b * BLOCK, count, cell);
+        for (int c = 2; c >= 0; c--) {
+            const float *w = p->color_roots[c];
+            const float right = w[1] - w[0], down = w[2] - w[0], both = w[3] - w[2] - right;
+            float *root = first + c * blocks_of(p->n) * BLOCK;
+            EACH {
+                float y = cell[i] >= 2.0f ? 1.0f : 0.0f, x = cell[i] - 2.0f * y;
+                root[i] = first[i] * (w[0] + right * x + down * y + both * x * y);
+            }
         }
     }
+}
+
+static inline const float *roots_of(const Problem *p, int64_t b, int color)
+{
+    return p->roots + ((p->cells ? color : 0) * blocks_of(p->n) + b) * BLOCK;
 }
 
 /* (4,4) gram of the design in scratch, with ridge, as a Cholesky factor. */
@@ -132,11 +143,10 @@ static int best_inks(const Problem *p, const double *state, int64_t stride, floa
     memset(seen, 0, sizeof seen);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
         const block *design = (const block *)(p->scratch + b * stride);
-        block roots[3], weighted[INKS], value;
+        block weighted[INKS], value;
         int count = in_block(p, b);
-        load_roots(p, b, count, roots);
         for (int c = 0; c < 3; c++) {
-            const float *root = roots[c < weighings ? c : 0];
+            const float *root = roots_of(p, b, c);
             if (c < weighings) {
                 for (int k = 0; k < INKS; k++)
                     EACH weighted[k][i] = design[k][i] * root[i];
@@ -161,12 +171,11 @@ static int best_inks(const Problem *p, const double *state, int64_t stride, floa
     memset(seen, 0, sizeof seen);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
         const block *design = (const block *)(p->scratch + b * stride);
-        block roots[3], weighted[INKS], value, drawn[3], blend[3];
+        block weighted[INKS], value, drawn[3], blend[3];
         int count = in_block(p, b);
-        load_roots(p, b, count, roots);
         draw_values(design, inks, inverse_white, bleed, drawn, blend);
         for (int c = 0; c < 3; c++) {
-            const float *root = roots[c < weighings ? c : 0];
+            const float *root = roots_of(p, b, c);
             if (c < weighings)
                 for (int k = 0; k < INKS; k++)
                     EACH weighted[k][i] = design[k][i] * root[i];
@@ -336,14 +345,13 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     if (p->cells)
         memset(&shift, 0, sizeof shift);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
-        block x, y, light, roots[3], move_x[8], move_y[8], rows[ROWS];
+        block x, y, light, move_x[8], move_y[8], rows[ROWS];
         Points points;
         Jacobian J;
         int count = in_block(p, b);
         load_block(p->at + b * BLOCK, count, x);
         load_block(p->at + p->n + b * BLOCK, count, y);
         map_block(&plane, x, y, &points, &J, light);
-        load_roots(p, b, count, roots);
         EACH x[i] = 1.0f / (H[6] * points.x[i] + H[7] * points.y[i] + H[8]);
         for (int k = 0; k < 8; k++) {
             const float *m = dH[k];
@@ -356,7 +364,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
         }
         const block(*jets)[INKS] = (const block(*)[INKS])(p->scratch + b * JETS);
         for (int c = 0; c < 3; c++) {
-            const float *root = roots[c < weighings ? c : 0];
+            const float *root = roots_of(p, b, c);
             if (c < weighings) {
                 for (int k = 0; k < INKS; k++)
                     EACH rows[STATE + 1 + k][i] = jets[0][k][i] * root[i];
@@ -521,7 +529,7 @@ static void move(const double *state, const double *step, const double *limits, 
 
 static Problem problem_of(int64_t n, const float *drawing, const double *view, const float *at, const float *values, const float *variance, const double *rules, int64_t open_gaps, int64_t quarter, int64_t fit_distortion, float *scratch)
 {
-    Problem p = {read_drawing(drawing), view, rules, at, values, variance, n, (uint32_t)open_gaps, (int)quarter, (int)fit_distortion, scratch, NULL, {{0.0f}}};
+    Problem p = {read_drawing(drawing), view, rules, at, values, variance, n, (uint32_t)open_gaps, (int)quarter, (int)fit_distortion, scratch, NULL, {{0.0f}}, NULL};
     return p;
 }
 
@@ -531,6 +539,7 @@ int lmkit_linearize(int64_t n, const float *drawing, const double *view, const f
                     double *error)
 {
     Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, fit_distortion, scratch);
+    fill_roots(&p);
     return !linearize(&p, state, normal, gradient, error);
 }
 
@@ -546,12 +555,11 @@ static int error_of(const Problem *p, const double *state, double *error)
     lanes sum;
     memset(&sum, 0, sizeof sum);
     for (int64_t b = 0; b < blocks_of(p->n); b++) {
-        block roots[3], value, drawn[3], blend[3];
+        block value, drawn[3], blend[3];
         int count = in_block(p, b);
-        load_roots(p, b, count, roots);
         draw_values((const block *)(p->scratch + b * INKS * BLOCK), inks, inverse_white, bleed, drawn, blend);
         for (int c = 0; c < 3; c++) {
-            const float *root = roots[p->cells ? c : 0];
+            const float *root = roots_of(p, b, c);
             load_block(p->values + c * p->n + b * BLOCK, count, value);
             EACH value[i] = (value[i] - drawn[c][i]) * root[i];
             add_dot(&sum, value, value);
@@ -671,6 +679,7 @@ int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, co
 {
     Problem p = problem_of(n, drawing, view, at, values, variance, rules, open_gaps, quarter, 0, scratch);
     Plane plane = plane_of(view, state);
+    fill_roots(&p);
     fill_designs(&p, &plane, INKS * BLOCK);
     float *misfit = scratch + blocks_of(n) * INKS * BLOCK, inks[3 * INKS];
     double scale;
@@ -732,6 +741,7 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
             if (!drawn)
                 draw_jets(&plain, state);
             drawn = 1;
+            fill_roots(&plain);
             if (!weigh(&plain, state, JETS, misfit, NULL, robust_variance, weighted_rules + 4, inks, &scale))
                 return 1;
         }
@@ -742,6 +752,7 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
             weighted.cells = cells;
             weigh_mosaic(&plain, state, inks, scale, cells, mosaic, weighted.color_roots);
         }
+        fill_roots(&weighted);
         /* With a mosaic, rounds before the last only bring the drawing to its place. */
         const double negligible = cells && round + 1 < rounds ? TO_PLACE : limits[5];
         if (!gauss_newton(&weighted, limits, negligible, iterations, to_px, state, normal, error, &drawn))

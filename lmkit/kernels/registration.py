@@ -491,7 +491,7 @@ def _scratch(n: int) -> Float32Array:
 
 def scratch_floats(n: int) -> int:
     """Floats that the registration of n pixels works in."""
-    return (n + BLOCK - 1) // BLOCK * BLOCK * (INKS * JET + 1)
+    return (n + BLOCK - 1) // BLOCK * BLOCK * (INKS * JET + 4)
 
 
 _POINTER, _COUNT, _NUMBER = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
