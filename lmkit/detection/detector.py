@@ -62,13 +62,12 @@ def detect_landmarks(
 
 def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
     """The surest reading of every place, largest first; a landmark within another one has its own place."""
-    kept: list[AnyCandidate] = []
+    kept: list[tuple[AnyCandidate, Sequence[float], float]] = []
     for candidate in sorted(candidates, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
         middle, side = middle_of(candidate.corners), candidate.side_px
-        apart = [math.dist(middle, middle_of(k.corners)) > 0.5 * min(k.side_px, side) for k in kept]
-        if all(apart):
-            kept.append(candidate)
-    return sorted(kept, key=lambda a: -a.side_px)
+        if all(math.dist(middle, place) > 0.5 * min(size, side) for _, place, size in kept):
+            kept.append((candidate, middle, side))
+    return sorted((candidate for candidate, _, _ in kept), key=lambda a: -a.side_px)
 
 
 def candidates_of(image: ByteArray, options: DetectOptions) -> list[Candidate]:

@@ -22,12 +22,20 @@ if TYPE_CHECKING:
     from lmkit.detection.tag_registration import TagCandidate
 
 AnyCandidate = TypeVar("AnyCandidate", bound="Candidate | TagCandidate")
+NEAR = 1 + 1e-9  # of both sides together: middles further apart do not overlap
 POINTS_ACROSS_GAP, COVERED_POINTS = 7, 5  # of one gap position; fewer leave enough of it to read
 
 
 def without_covered(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
     """The candidates none of whose gap positions a nearer sheet covers for the most part."""
-    return [one for one in candidates if not any(_covers(other, one) for other in candidates)]
+    if len(candidates) < 2:
+        return list(candidates)
+    middles = np.array([middle_of(one.corners) for one in candidates])
+    sides = np.array([one.side_px for one in candidates])
+    apart = np.linalg.norm(middles[:, None] - middles, axis=2)
+    near = np.argwhere(apart <= NEAR * (sides[:, None] + sides)).tolist()
+    covered = {lower for upper, lower in near if _covers(candidates[upper], candidates[lower])}
+    return [one for k, one in enumerate(candidates) if k not in covered]
 
 
 def _covers(upper: Candidate | TagCandidate, lower: Candidate | TagCandidate) -> bool:
