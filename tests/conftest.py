@@ -14,10 +14,15 @@ import cv2
 import numpy as np
 import pytest
 from command_line import Answer
+from hypothesis import HealthCheck, settings
 
 from lmkit.arrays import ByteArray
 
 cv2.setNumThreads(1)
+# A law holds on a slow machine too, and its examples are the same in every run.
+# `pytest --hypothesis-profile=default` tries others.
+settings.register_profile("lmkit", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("lmkit")
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 

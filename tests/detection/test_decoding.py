@@ -23,7 +23,7 @@ def decoded(draw) -> Decoded:
     return Decoded(turn, code, left, *more, np.full((4, 3), 0.5), 10.0, 0.0, np.zeros(parts), np.ones(parts))
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(decoded(), decoded(), st.integers(20, 800))
 def test_a_code_is_as_sure_as_the_less_sure_of_both_says(plain, robust, pixels):
     tables = tables_of(LM8)

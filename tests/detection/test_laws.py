@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scenes import paste_landmark
@@ -22,7 +22,7 @@ from lmkit.model.codewords import code_to_gaps
 from lmkit.model.landmark import LM8
 from lmkit.simulation.photograph import Development, ImagingChain, Lens, Light, Sensor, Shadow
 
-LAWS = settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+LAWS = settings(max_examples=15)
 
 
 def worst(found, corners) -> float:
@@ -180,7 +180,7 @@ def test_a_camera_of_another_size_is_refused():
         detect_landmarks(np.zeros((100, 100, 3), np.uint8), DetectOptions(camera=CAMERA))
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40)
 @given(
     hnp.arrays(np.uint8, st.tuples(st.integers(1, 70), st.integers(1, 90), st.just(3))),
     st.sampled_from(["as it is", "black", "white", "checks", "stripes", "half"]),
@@ -239,7 +239,7 @@ def test_two_runs_give_the_same_bytes(profile):
     st.floats(-0.7, 0.7),
     st.floats(2.0, 60.0),
 )
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 def test_the_patterns_slopes_are_its_differences(code, quarter, sxx, correlation, syy):
     rng = np.random.default_rng(code)
     points = rng.uniform(-100, 100, (200, 2))

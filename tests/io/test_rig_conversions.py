@@ -74,7 +74,7 @@ def test_a_rig_comes_back_from_kalibr(model, tmp_path):
     assert_same(read_any_rig(write(tmp_path / "x", "kalibr", made)), made)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     turn=st.tuples(*[st.floats(-0.3, 0.3)] * 3),
     shift=st.tuples(st.floats(-0.5, -0.03), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)),

@@ -63,7 +63,7 @@ def accused(seed, shown, until=math.inf, frames=range(15, 105), motion="wheels")
 
 
 @pytest.mark.slow
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(1, 8), st.sampled_from(["left", "right", "both"]), st.integers(30, 80))
 def test_a_view_that_stands_still_while_the_wheels_move_is_named(seed, which, at):
     rng = np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def test_a_view_that_stands_still_while_the_wheels_move_is_named(seed, which, at
     assert all(k - at <= 1.5 * HZ for k in named.values())
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(1, 8), st.booleans())
 def test_neither_a_robot_that_drives_nor_one_that_stands_is_accused(seed, drives):
     rng = np.random.default_rng(seed)

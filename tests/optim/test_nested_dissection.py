@@ -13,7 +13,7 @@ from lmkit.optim.information_sum import InformationSum, unknowns_of
 from lmkit.optim.nested_dissection import dissect, solve_by_dissection
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 150), st.integers(1, 3), st.integers(2, 12))
 def test_it_solves_as_the_dense_equations_do(seed, count, size, width):
     """Landmarks along a corridor, of which each recording sees some that are near each other; gaps part them."""
