@@ -102,7 +102,7 @@ def run(
     as_pairs = capture or side_by_side
     models_by_camera(model, 1 if len(sources) == 1 and not as_pairs else max(2, len(sources)))
     declared, (left, right) = parse_declared(baseline, fov, intrinsics, intrinsics_sigma), (*sources, None, None)[:2]
-    check_outputs((output, report, save_corners), None, force)
+    check_outputs((output, report, save_corners), force)
     if base is not None or clocks is not None:
         for_board = {"images": images, "--board": board, "--report": report, "--check": check, "--corners": corners}
         require_no("--base" if clocks is None else "--clocks", {**for_board, "--capture": capture or None})

@@ -17,6 +17,7 @@ from lmkit.errors import InputError
 _YAML, _CSV, _HTML, _PDF = (".yaml", ".yml", ".json"), (".csv", ".txt"), (".html", ".htm"), (".pdf",)
 # Suffixes of the files that an option writes; with the command's name where the option has several meanings.
 OUTPUTS = {
+    "--plan": (".png", ".svg"),
     "--csv": _CSV,
     "--tum": (".tum", ".txt", ".csv"),
     "--report": _HTML,
@@ -43,6 +44,7 @@ _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".svg")
 KNOWN = {*_IMAGES, ".mp4", ".avi", ".mov", ".mkv", *(suffix for kinds in OUTPUTS.values() for suffix in kinds)}
 
 
+_TWICE = {"--rig": "give one file; of ROS's camera_info files a folder that holds left.yaml and right.yaml"}
 KINDS = {"path": "FILE", "int": "N", "float": "NUMBER"}
 FOLDERS = ("Folder", "Recording folder", "Project folder", "With --capture: folder")  # starts of help texts
 
@@ -70,17 +72,19 @@ class CheckedOptions(TyperCommand):
             InputError: an option stands twice, an output has the suffix of another kind of file, or is a file of
                 another kind that the command reads.
         """
-        given = Counter(self.make_parser(ctx).parse_args(list(args))[2])
-        for option, count in given.items():
+        values, _, order = self.make_parser(ctx).parse_args(list(args))
+        command = str(ctx.info_name)
+        for option, count in Counter(order).items():
             takes_one = getattr(option, "is_flag", None) is False and not getattr(option, "multiple", False)
             if count > 1 and takes_one:
-                raise InputError("given_twice", f"{option.opts[0]} is given twice", "give it once")
+                hint = _TWICE.get(option.opts[0], "give it once")
+                raise InputError("given_twice", f"{option.opts[0]} is given twice", hint)
+            # Said before the parser asks for an option that is missing.
+            _check_suffix(command, max(option.opts, key=len), values.get(option.name))
         rest = super().parse_args(ctx, args)
-        command = str(ctx.info_name)
         paths: dict[Path, str] = {}
         for option in self.params:
             name, value = max(option.opts, key=len), ctx.params.get(option.name or "")
-            _check_suffix(command, name, value)
             if not name.startswith("--"):  # lmkit map and convert may write the file that they read
                 continue
             for path in value if isinstance(value, list) else [value]:
@@ -115,11 +119,15 @@ def name_value(option: Any) -> None:
 
 
 def _is_output(command: str, option: str) -> bool:
-    return option in (*OUTPUTS, "--plan", "--output", "--annotate") or f"{command} {option}" in OUTPUTS
+    return option in (*OUTPUTS, "--output", "--annotate") or f"{command} {option}" in OUTPUTS
 
 
 def _check_suffix(command: str, option: str, value: object) -> None:
     allowed = OUTPUTS.get(option, OUTPUTS.get(f"{command} {option}"))
-    if isinstance(value, Path) and allowed is not None and value.suffix.lower() in KNOWN - set(allowed):
-        hint = f"use a name ending in {', '.join(allowed)}"
+    if not isinstance(value, str) or allowed is None:
+        return
+    suffix, hint = Path(value).suffix.lower(), f"use a name ending in {' or '.join(allowed)}"
+    if option == "--plan" and suffix not in allowed:
+        raise InputError("bad_suffix", f"cannot write {value}: unknown file type", hint)
+    if suffix in KNOWN - set(allowed):
         raise InputError("bad_suffix", f"{option} {value} is named as another kind of file", hint)

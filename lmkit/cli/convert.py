@@ -19,11 +19,11 @@ MAP_KINDS = ("map", "wpilib", "tagslam")
 
 
 def run(
-    source: Annotated[
-        Path,
+    sources: Annotated[
+        list[Path],
         typer.Argument(
-            help="Rig (lmkit, OpenCV, Kalibr, or a folder with ROS camera_info files), map (lmkit, WPILib, "
-            "TagSLAM and others) or TUM trajectory."
+            help="Rig (lmkit, OpenCV, Kalibr, or ROS camera_info: a folder, or the left and the right file), "
+            "map (lmkit, WPILib, TagSLAM and others) or TUM trajectory."
         ),
     ],
     output: Annotated[
@@ -43,13 +43,17 @@ def run(
 ) -> None:
     """Convert rigs, maps and trajectories. Formats: OpenCV, ROS, Kalibr; WPILib, TagSLAM; ROS bag."""
     from lmkit.geometry.rig import Rig, as_stereo
-    from lmkit.io.any_rig import KINDS, read_any_rig
+    from lmkit.io.any_rig import KINDS, read_any_rig, read_rig_pair
     from lmkit.io.files import check_writable, write_file, write_files
     from lmkit.io.kalibr import rig_to_camchain
     from lmkit.io.opencv_rig import camera_to_opencv_yaml, rig_to_opencv_yaml
     from lmkit.io.rig import rig_to_yaml
     from lmkit.io.ros_camera_info import FILES, rig_to_camera_info, rig_to_camera_infos
 
+    source = sources[0]
+    if len(sources) > (2 if to in KINDS else 1):
+        hint = "give one file; of ROS's camera_info files the left and the right one"
+        raise InputError("extra_files", f"{' '.join(map(str, sources))}: one file is converted at a time", hint)
     if to == "bag":
         from lmkit.io.bags import poses_to_bag
         from lmkit.io.trajectory import read_trajectory
@@ -66,7 +70,8 @@ def run(
         raise InputError("not_together", f"--family and --size are for maps, not for --to {to}", "leave them out")
     if to not in KINDS:
         raise InputError("bad_kind", f"--to {to} is unknown", f"choose {', '.join((*KINDS, *MAP_KINDS, 'bag'))}")
-    read = read_any_rig(source)
+    _require_no_map(source, to)
+    read = read_any_rig(source) if len(sources) == 1 else read_rig_pair(*sources)
     texts: dict[Path, str]
     remarks: list[str] = []
     if isinstance(read, Rig) and len(read.cameras) == 1 and to in ("ros", "opencv"):
@@ -88,6 +93,24 @@ def run(
     warn_all(remarks)
     for path in texts:
         print_line(f"wrote {path}")
+
+
+def _require_no_map(source: Path, to: str) -> None:
+    """Refuse a map where a rig is to be written.
+
+    Raises:
+        InputError: it is one.
+    """
+    from lmkit.io.document_head import head_of
+    from lmkit.io.documents import read_text
+    from lmkit.io.map_kinds import program_of_map
+
+    if not source.is_file():
+        return
+    text = read_text(source, "file")
+    if program := program_of_map(text, head_of(text)):
+        message = f"{source} is a map of {program}, and --to {to} writes a rig"
+        raise InputError("bad_kind", message, f"give --to {', '.join(MAP_KINDS[:-1])} or {MAP_KINDS[-1]}")
 
 
 def _map_text(landmarks: LandmarkMap, to: str) -> str:

@@ -62,7 +62,7 @@ def run(
         raise InputError("contradicting_options", "--strict and --eager exclude each other", "give one of them")
     rule = STRICTNESSES["strict" if strict else "eager" if eager else "default"]
     choices = DetectOptions(families_named(family), FAST if fast else BALANCED, rule, inverted_tags=inverted)
-    check_outputs((csv,), None, force)
+    check_outputs((csv,), force)
     count = found = colorless = 0
     failed: list[InputError] = []
     rows = [DETECTION_COLUMNS]

@@ -40,7 +40,7 @@ def run(
 
     if not abs(time_offset) < 1e12:
         raise InputError("bad_option", f"--time-offset {time_offset:g} is out of range", "give seconds")
-    check_outputs((report,), None, force)
+    check_outputs((report,), force)
     true, found = read_two_trajectories(truth, estimate)
     error = compare_trajectories(true, found.shifted(time_offset), align, delta, max_apart)
     if report is not None:

@@ -70,7 +70,7 @@ def survey(
     outputs = {
         site: output if len(sites) == 1 else output.with_stem(f"{output.stem}-{site or 'site'}") for site in sites
     }
-    check_outputs(tuple(outputs.values()), None, force)
+    check_outputs(tuple(outputs.values()), force)
     check = check_options(detect, size_m, {m.id: m.size_m for m in anchors or ()})
     ready = detected_recordings(place, detect)
     for _ in progress(
@@ -132,7 +132,7 @@ def report(
     from lmkit.fleet.report import fleet_report, fleet_state
     from lmkit.fleet.store import Store
 
-    check_outputs((output,), None, force)
+    check_outputs((output,), force)
     place = Store(store)
     tracked = _track_options(place, family, hz) if stored_sites(place) else None
     state = fleet_state(place, detect_options(family, hz), tracked)

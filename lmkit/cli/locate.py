@@ -110,7 +110,7 @@ def run(
         raise InputError("bad_frame", f"--frame {frame} is unknown", "choose camera or base")
     choices = LocateOptions(prior=parse_prior(heading, planar))
     require_rate(hz)
-    check_outputs((tum, csv), plan, force)
+    check_outputs((tum, csv, plan), force)
     cameras, landmarks = read_any_rig(rig), read_map_file(landmark_map, marker_family, marker_size)
     frame = frame or ("camera" if cameras.T_base_left is None else "base")
     require_frame(frame, cameras, rig)

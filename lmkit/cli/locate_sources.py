@@ -37,6 +37,11 @@ def source_groups(images: list[str], mono: str | None, rig: AnyRig) -> list[list
         return [[mono]]
     names = [camera.name for camera in mounted_cameras(rig)]
     if len(names) == 1:
+        if len(images) == 2:  # as for a stereo pair
+            warn(
+                f"the rig has one camera ({names[0]}): {images[0]} and {images[1]} are two frames of it; "
+                "for the left and right image of one frame give the rig of both cameras"
+            )
         return [[source] for source in images]
     require_image_of_each(names, images, "; --mono for the first camera alone")
     return [images]

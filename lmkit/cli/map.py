@@ -66,11 +66,11 @@ def run(
     from lmkit.reports.planning import draw_map
 
     if blank is not None:
-        check_outputs([source], None, force)
+        check_outputs([source], force)
         write_outputs({source: blank_form(parse_codes(blank, family_named(family or "lm8").code_count))}, force)
         print_line(f"wrote {source}")
         return
-    check_outputs([output], plan, force)
+    check_outputs([output, plan], force)
     ground = read_room(room, floor, drawing)
     landmarks = _read(source, ground, size, family, sigma)
     for text in check_map(landmarks, ground):

@@ -6,14 +6,13 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from lmkit.errors import InputError
 
 Item = TypeVar("Item")
-IMAGE_KINDS = ("png", "svg")
 BOARD_HELP = (
     "Board: chessboard:9x6:30mm (inner corners), charuco:8x6:30mm:22mm:DICT_5X5_100[:legacy] (squares), "
     "landmarks:4x3:60mm:48mm[:FIRST_CODE] or aprilgrid:6x6:22mm:0.3[:FAMILY] (Kalibr's)."
@@ -112,22 +111,17 @@ def require_no(option: str, others: Mapping[str, object]) -> None:
             raise InputError("not_together", f"{option} and {name} cannot be combined", "leave one of them out")
 
 
-def check_outputs(paths: Sequence[Path | None], plan: Path | None, force: bool) -> None:
+def check_outputs(paths: Iterable[Path | None], force: bool) -> None:
     """Refuse output files that cannot be written, before the work begins.
 
-    Args:
-        plan: an image to write, PNG or SVG.
-
     Raises:
-        InputError: a file exists, its folder cannot be written to, or the image has another suffix.
+        InputError: a file exists, or its folder cannot be written to.
     """
     from lmkit.io.files import check_writable
 
-    for path in (*paths, plan):
+    for path in paths:
         if path is not None:
             check_writable(path, force)
-    if plan is not None and image_kind(plan) not in IMAGE_KINDS:
-        raise InputError("bad_suffix", f"cannot write {plan}: unknown file type", "use a name ending in .png or .svg")
 
 
 def image_kind(path: Path) -> str:

@@ -39,7 +39,7 @@ def run(
     from lmkit.reports.planning import draw_coverage
 
     demand, radius_m = parse_demand(error, heading, in_view, headings, 100.0), parse_meters(radius, "--radius")
-    check_outputs((), plan, force)
+    check_outputs([plan], force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
     ground = read_ground(floor, drawing)

@@ -77,7 +77,7 @@ def run(
         )
     if paper not in PAPERS:
         raise InputError("bad_paper", f"--paper {paper} is unknown", f"choose {', '.join(PAPERS)}")
-    check_outputs([output / name for name in PLACEMENT_FILES], None, force)
+    check_outputs([output / name for name in PLACEMENT_FILES], force)
     choices = MountingOptions(
         family=family_named(family).name,
         sizes_m=tuple(parse_meters(text, "--size") for text in size or ["180mm"]),

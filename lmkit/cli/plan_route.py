@@ -55,7 +55,7 @@ def run(
     from lmkit.reports.planning import draw_route
 
     demand, radius_m = parse_demand(error, 2.0, 1, 25.0, 100.0), parse_meters(radius, "--radius")
-    check_outputs((csv, tum), plan, force)
+    check_outputs((csv, tum, plan), force)
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
     ground = read_ground(floor, drawing)

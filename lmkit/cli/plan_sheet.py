@@ -42,7 +42,7 @@ def run(
         raise InputError("bad_paper", f"--paper {paper} is unknown", f"choose {', '.join(PAPERS)}")
     if output.suffix.lower() != ".pdf":
         raise InputError("bad_output", f"{output} is not a PDF file", "name it with .pdf")
-    check_outputs([output], None, force)
+    check_outputs([output], force)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
     ground = read_room(room, floor, drawing)
     write_outputs({output: mounting_sheets(landmarks, ground, landmark_map.name, paper)}, force)

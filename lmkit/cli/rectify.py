@@ -43,7 +43,7 @@ def run(
     sources = [left] if right is None else [left, right]
     require_image_of_each(("left", "right"), sources)
     calibration = {} if lines else rectified_calibration(cameras, output)
-    check_outputs(list(calibration), None, force)
+    check_outputs(list(calibration), force)
     count = len(list_groups(sources)) if are_files(sources) else frame_count([left.removeprefix(SPLIT)])
     written = [
         path for paths in progress(rectify_frames(sources, cameras, output, lines, force), count, "rectifying")

@@ -88,7 +88,7 @@ def run(
     size_m, cameras = parse_length_mm(size, "--size") / 1000, read_any_rig(rig)
     source = source.in_folder(cameras)
     source.check()
-    check_outputs((output, tum, save_detections, report, rerun), plan, force)
+    check_outputs((output, tum, save_detections, report, rerun, plan), force)
     if known is None and known_sigma is not None:
         raise InputError("no_known", "--known-sigma needs known landmarks", "add --known MAP")
     families = family.split(",")
@@ -144,7 +144,7 @@ def _survey_readings(
     from lmkit.pipelines.recording_checks import require_plausible_recording
     from lmkit.units import parse_length_mm
 
-    check_outputs((output, tum), None, force)
+    check_outputs((output, tum), force)
     size_m = parse_length_mm(size, "--size") / 1000
     recording = source.read(None, family.split(","))
     odometry, count = recording.odometry, len(recording.readings)

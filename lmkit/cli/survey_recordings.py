@@ -65,7 +65,7 @@ def survey_several(
     names = recording_names(folders)
     output, tum = outputs["map"], outputs["tum"]
     tums = {name: None if tum is None else tum.with_stem(f"{tum.stem}-{name.replace('/', '-')}") for name in names}
-    check_outputs((output, *tums.values()), None, force)
+    check_outputs((output, *tums.values()), force)
     read = progress(zip(names, folders, strict=True), len(names), "reading recordings")
     recordings = {name: read_recording_folder(Path(folder), rig, families, hz) for name, folder in read}
     result = survey_recordings(
@@ -119,7 +119,7 @@ def survey_readings(
     folders = given_once(folders)
     names, output, tum = recording_names(folders), outputs["map"], outputs["tum"]
     tums = {name: None if tum is None else tum.with_stem(f"{tum.stem}-{name.replace('/', '-')}") for name in names}
-    check_outputs((output, *tums.values()), None, force)
+    check_outputs((output, *tums.values()), force)
     read = zip(names, folders, strict=True)
     recordings = {name: open_recording_folder(Path(folder), None, families).read() for name, folder in read}
     for recording in recordings.values():

@@ -75,7 +75,7 @@ def run(
         source.check()
     if live and source.odometry is None:
         raise InputError("no_odometry", "--live needs odometry", "add --odometry FILE, or use lmkit locate")
-    check_outputs((tum, csv, report, rerun), plan, force)
+    check_outputs((tum, csv, report, rerun, plan), force)
     if rerun is not None:
         require_rerun()
     landmarks = read_map_file(landmark_map, marker_family, marker_size)

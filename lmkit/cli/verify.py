@@ -55,7 +55,7 @@ def run(
         raise InputError("bad_grade", f"--least {least} is not a grade", "choose A, B, C or D")
     if size is not None and manifest is not None:
         raise InputError("size_twice", "--size and --manifest both state the size", "give one of them")
-    check_outputs((certificate,), None, force)
+    check_outputs((certificate,), force)
     folder = None if annotate is None else AnnotatedFolder(annotate, force, videos=False)
     stated: tuple[Stated, ...] = ()
     if size is not None:

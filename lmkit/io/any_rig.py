@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import TypeVar
 
 from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
-from lmkit.io.document_head import head_of
+from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.document_head import DocumentHead, head_of
 from lmkit.io.documents import is_folder, read_text
+from lmkit.io.map_kinds import program_of_map
 from lmkit.io.rig import read_rig
 from lmkit.io.single_cameras import is_single_camera, read_single_camera
+
+RigKind = TypeVar("RigKind", bound=AnyRig)
 
 # Keys that only camera_info has, and keys that only files of OpenCV have.
 ROS_KEYS = frozenset({"distortion_model", "camera_model", "rectification_matrix", "projection_matrix"})
@@ -36,10 +41,27 @@ def read_any_rig(path: Path) -> AnyRig:
     Warns:
         InputWarning: what is possible, but seldom meant, such as a right camera left of the left one.
     """
-    rig = _read(path)
-    require_plausible(rig, str(path))
-    for sentence in rig_warnings(rig, str(path)):
-        warnings.warn(InputWarning(sentence), stacklevel=2)
+    return _plausible(_read(path), str(path))
+
+
+def read_rig_pair(left: Path, right: Path) -> StereoRig:
+    """A rig from ROS's two camera_info files, whatever their names.
+
+    Raises:
+        InputError: not readable, not valid, or no stereo pair.
+
+    Warns:
+        InputWarning: as `read_any_rig`.
+    """
+    from lmkit.io.ros_camera_info import read_camera_infos
+
+    return _plausible(read_camera_infos(left, right), f"{left} and {right}")
+
+
+def _plausible(rig: RigKind, name: str) -> RigKind:
+    require_plausible(rig, name)
+    for sentence in rig_warnings(rig, name):
+        warnings.warn(InputWarning(sentence), stacklevel=3)
     return rig
 
 
@@ -76,11 +98,11 @@ def _read(path: Path) -> AnyRig:
 
         return read_opencv_rig(path)
     if not head.format:
-        raise _unknown(path, text, head.keys)
+        raise _unknown(path, text, head)
     return read_rig(path)
 
 
-def _unknown(path: Path, text: str, keys: frozenset[str]) -> InputError:
+def _unknown(path: Path, text: str, head: DocumentHead) -> InputError:
     """Error for a file that is no rig of a known kind, with what it looks like."""
     kinds = "lmkit, OpenCV, ROS (camera_info), Kalibr or PhotonVision"
     if "Camera-system parameters" in text[:2000]:
@@ -91,6 +113,9 @@ def _unknown(path: Path, text: str, keys: frozenset[str]) -> InputError:
         return InputError(
             "not_a_rig", f"{path}: camera_calibration's INI file", "give ost.yaml, which stands beside it"
         )
+    if program := program_of_map(text, head):
+        return InputError("not_a_rig", f"{path}: a map of {program}, not a rig", f"give a rig of {kinds}")
+    keys = head.keys
     if "target_type" in keys:
         return InputError("not_a_rig", f"{path}: a calibration target of Kalibr, not a rig", f"give a rig of {kinds}")
     what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it is neither YAML, JSON nor XML"

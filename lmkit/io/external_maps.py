@@ -22,18 +22,27 @@ from lmkit.io.document_head import head_of
 from lmkit.io.documents import dump_yaml, load_document, load_json, read_text
 from lmkit.io.field_problems import plain_problem
 from lmkit.io.landmark_map import FOREIGN_FAMILY, read_map
+from lmkit.io.map_kinds import (
+    APRILTAG_ROS,
+    FIDUCIAL_SLAM,
+    LIMELIGHT,
+    LMKIT,
+    MAP_PROGRAMS,
+    MARKER_MAPPER,
+    TAGSLAM,
+    WPILIB,
+    program_of_map,
+)
 from lmkit.io.map_plausibility import with_doubts
 from lmkit.io.marker_maps import (
     APRILTAG,
     R_OURS_FIELD,
     MarkerDefaults,
-    is_fiducial_slam,
     read_apriltag_ros,
     read_fiducial_slam,
     read_limelight,
     read_marker_mapper,
 )
-from lmkit.model.families import ALL_FAMILIES
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.square_marker import SQUARE_FAMILIES
@@ -57,25 +66,24 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
     """
     text, defaults = read_text(path, "map file"), defaults or MarkerDefaults()
     head = head_of(text)
-    if head.format.startswith("lmkit-"):
+    program = program_of_map(text, head)
+    if program in (LMKIT, LIMELIGHT):
         defaults.require_none(path)
+    if head.format:
         return with_doubts(path, read_map(path))
-    if "bodies" in head.keys:
+    if program == TAGSLAM:
         return _from_tagslam(path, text, defaults)
-    if "fiducials" in head.keys:
-        defaults.require_none(path)
+    if program == LIMELIGHT:
         return _map(path, read_limelight(path, text))
-    if head.keys & {"tag_bundles", "standalone_tags"}:
+    if program == APRILTAG_ROS:
         return _map(path, read_apriltag_ros(path, text, defaults))
-    if "aruco_bc_markers" in head.keys:
+    if program == MARKER_MAPPER:
         return _map(path, read_marker_mapper(path, text, defaults))
-    if is_fiducial_slam(text):
+    if program == FIDUCIAL_SLAM:
         return _map(path, read_fiducial_slam(path, text, defaults))
-    if "tags" in head.keys or text.lstrip().startswith("{"):
+    if program == WPILIB:
         return _from_wpilib(path, text, defaults)
-    if not head.format:
-        raise _unknown(path, head.keys)
-    return with_doubts(path, read_map(path))
+    raise _unknown(path, head.keys)
 
 
 def _unknown(path: Path, keys: frozenset[str]) -> InputError:
@@ -83,7 +91,7 @@ def _unknown(path: Path, keys: frozenset[str]) -> InputError:
     if any("ros__parameters" in key or key.startswith("/**") for key in keys):
         return InputError("not_a_map", f"{path}: parameters of a ROS 2 node, which hold no poses", "give a map")
     what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it holds no keys"
-    kinds = "lmkit, WPILib, Limelight, TagSLAM, apriltag_ros, fiducial_slam or marker_mapper"
+    kinds = f"{', '.join(MAP_PROGRAMS[:-1])} or {MAP_PROGRAMS[-1]}"
     return InputError("not_a_map", f"{path}: not a map that is known: {what}", f"give a map of {kinds}")
 
 
@@ -232,14 +240,6 @@ def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
     if not mapped:
         raise InputError("no_tags", f"{path}: holds no tags with a pose", "give at least one")
     _require_meters(path, mapped)
-    for marker in mapped:
-        family = ALL_FAMILIES.get(marker.family)
-        if family is not None and not 0 <= marker.code < family.code_count:
-            raise InputError(
-                "code_range",
-                f"{path}: tag {marker.code} is outside 0 to {family.code_count - 1} of {marker.family}",
-                "check the family (--family)",
-            )
     try:
         return with_doubts(path, LandmarkMap(mapped))
     except InputError as error:

@@ -50,7 +50,7 @@ def read_map(path: Path) -> LandmarkMap:
     landmarks = []
     for index, item in enumerate(data.landmarks):
         where = f"{path}: landmarks[{index}]"
-        _require_code(item.family, item.code, f"{where}.code")
+        id_ = _id_of(item, where)
         quaternion = UPRIGHT if item.quaternion is None and item.family == POLE else item.quaternion
         if quaternion is None:
             raise InputError("missing_key", f"{where}.quaternion: missing", "write a unit quaternion x y z w")
@@ -65,7 +65,7 @@ def read_map(path: Path) -> LandmarkMap:
                 f"{where}.covariance: not symmetric, or negative in some direction",
                 "write the 6x6 covariance of x y z (m) and rotation (rad), or leave it out",
             )
-        id_, valid = LandmarkId(item.family, item.code), (item.valid_from, item.valid_to)
+        valid = item.valid_from, item.valid_to
         if item.valid_from is not None and item.valid_to is not None and item.valid_to < item.valid_from:
             raise InputError(
                 "bad_value", f"{where}.valid_to: earlier than valid_from", "write both in seconds of the same clock"
@@ -77,26 +77,27 @@ def read_map(path: Path) -> LandmarkMap:
         raise InputError(error.code, f"{path}: {error.message}", error.hint) from None
 
 
-def _require_code(family_name: str, code: int, where: str) -> None:
-    if family_name in (FOREIGN_FAMILY, POLE):
-        return
-    family = family_named(family_name)
-    if not 0 <= code < family.code_count:
-        raise InputError(
-            "code_range",
-            f"{where}: {code} is outside 0 to {family.code_count - 1}",
-            f"write a code of family {family.name}",
-        )
+def _id_of(item: _Landmark, where: str) -> LandmarkId:
+    _require_family(item.family)
+    try:
+        return LandmarkId(item.family, item.code)
+    except ValueError as error:
+        raise InputError("code_range", f"{where}.code: {error}", f"write a code of family {item.family}") from None
+
+
+def _require_family(name: str) -> None:
+    if name not in (FOREIGN_FAMILY, POLE):
+        family_named(name)
 
 
 def require_readable(landmarks: LandmarkMap) -> None:
     """Refuse a map whose file would not be read, or would be read as another map.
 
     Raises:
-        InputError: a family or code does not exist.
+        InputError: a family does not exist.
     """
     for landmark in (*landmarks, *landmarks.past):
-        _require_code(landmark.family, landmark.code, f"code of {landmark.id}")
+        _require_family(landmark.family)
 
 
 def map_to_yaml(landmarks: LandmarkMap) -> str:

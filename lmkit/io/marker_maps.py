@@ -24,6 +24,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import load_document, load_json
 from lmkit.io.field_problems import plain_problem
+from lmkit.io.map_kinds import FIDUCIAL
 from lmkit.io.tables import to_number
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
@@ -34,7 +35,6 @@ APRILTAG = "tag36h11"
 FOREIGN_ARUCO = "aruco"  # of an unknown dictionary
 MOST_MARKERS = 20_000  # of a map.txt; no family has as many
 NOT_A_ROTATION = 0.02
-_FIDUCIALS = re.compile(r"^\s*\d+(?:\s+[-+]?[\d.]+(?:[eE][-+]?\d+)?){7}(?:\s+\d+)+\s*$")
 _LIMELIGHT = re.compile(r"(?:apriltag\d?_)?(\d+h\d+)(?:_classic)?$")
 _UNSPACED = re.compile(r"\b(id|corners):(?=[\[\d-])")  # OpenCV writes {id:0, which is another key in YAML
 
@@ -125,11 +125,6 @@ def _warn(sentence: str) -> None:
     warnings.warn(InputWarning(sentence), stacklevel=4)
 
 
-def is_fiducial_slam(text: str) -> bool:
-    """Whether the first line is one of fiducial_slam's map.txt."""
-    return _FIDUCIALS.match(next((line for line in text.splitlines() if line.strip()), "")) is not None
-
-
 def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[MappedLandmark]:
     """The markers of a map.txt; variances are not read.
 
@@ -145,14 +140,14 @@ def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[
         if not words:
             continue
         try:
-            x, y, z, *angles = (to_number(word) for word in words[1:7] if _FIDUCIALS.match(line))
-        except ValueError:
-            raise InputError(
-                "bad_map", f"{path}: line {number} is not a marker", "give map.txt of fiducial_slam"
-            ) from None
+            x, y, z, *angles = (to_number(word) for word in words[1:7] if FIDUCIAL.match(line))
+            id_ = LandmarkId(family, int(words[0]))
+        except ValueError as error:
+            what = f"line {number} is not a marker ({plain_problem(error)})"
+            raise InputError("bad_map", f"{path}: {what}", "give map.txt of fiducial_slam") from None
         roll, pitch, yaw = (math.radians(angle) for angle in angles)
         T = Pose("map", "landmark", _from_roll_pitch_yaw(roll, pitch, yaw), np.array([x, y, z]))
-        markers.append(MappedLandmark(LandmarkId(family, int(words[0])), size_m, T))
+        markers.append(MappedLandmark(id_, size_m, T))
     return markers
 
 

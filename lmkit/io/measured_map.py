@@ -92,8 +92,8 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
 def _landmark(cells: Mapping[str, str], walls: Mapping[str, Wall], defaults: FormDefaults) -> MappedLandmark:
     try:
         id_ = LandmarkId.parse(cells.get("code", ""), [cells.get("family", defaults.family)])
-        if id_.family != FOREIGN_FAMILY and id_.code >= family_named(id_.family).code_count:
-            raise ValueError(f"family {id_.family} has no code {id_.code}")
+        if id_.family != FOREIGN_FAMILY:
+            family_named(id_.family)
     except InputError as error:
         raise ValueError(error.message) from None
     size_m = _number(cells, "size_mm", 1000 * defaults.size_m) / 1000

@@ -53,11 +53,10 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
     columns = _read_numbers(path, "odometry file")
     kind = next((kind for kind in _KINDS if all(name in columns for name in kind)), None)
     if kind is None:
-        raise InputError(
-            "bad_header",
-            f"{path}: no columns of odometry in {', '.join(columns)}",
-            "give time_s with x_m,y_m,heading_rad, with forward_mps,turn_radps, or with left_m,right_m",
-        )
+        hint = "give time_s with x_m,y_m,heading_rad, with forward_mps,turn_radps, or with left_m,right_m"
+        if "rate_radps" in columns:
+            hint = "it looks like a gyro's file: give it as the gyro (--gyro), beside wheel odometry"
+        raise InputError("bad_header", f"{path}: no columns of odometry in {', '.join(columns)}", hint)
     times, values = columns["time_s"], [columns[name] for name in kind]
     if kind == _KINDS[0]:
         return Odometry.from_poses(times, *values)

@@ -54,7 +54,7 @@ def find_mirror(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap)
 def mirrored_id(id_: LandmarkId) -> LandmarkId | None:
     """Landmark that this one reads as in a mirrored image; None where it reads as none."""
     family = FAMILIES.get(id_.family)
-    code = None if family is None or not 0 <= id_.code < family.code_count else family.mirrored_code(id_.code)
+    code = None if family is None else family.mirrored_code(id_.code)
     return None if code is None else LandmarkId(id_.family, code)
 
 

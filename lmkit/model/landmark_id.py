@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from lmkit.errors import InputError
+from lmkit.model.families import ALL_FAMILIES
 
 
 class _FamilyAndCode(NamedTuple):
@@ -21,7 +22,7 @@ class LandmarkId(_FamilyAndCode):
 
     Raises:
         TypeError: the family is no text, or the code no whole number.
-        ValueError: the code is negative.
+        ValueError: the code is negative, or one that the family does not have; families of others may have any.
 
     Examples:
         >>> import lmkit
@@ -46,6 +47,9 @@ class LandmarkId(_FamilyAndCode):
             raise TypeError(f"the code of a landmark id must be a whole number, not {code!r}, {hint}") from None
         if number < 0:
             raise ValueError(f"the code of a landmark id must be 0 or more, not {number}")
+        known = ALL_FAMILIES.get(family)
+        if known is not None and number >= known.code_count:
+            raise ValueError(f"family {family} has no code {number}: its codes are 0 to {known.code_count - 1}")
         return super().__new__(cls, family, number)
 
     def __str__(self) -> str:
@@ -62,16 +66,14 @@ class LandmarkId(_FamilyAndCode):
             families: families in play, for a bare code.
 
         Raises:
-            InputError: not an id, or a bare code with several families in play.
+            InputError: not an id, a code that the family does not have, or a bare code with several families in play.
         """
         if not isinstance(text, str):
             raise InputError("bad_id", f"{text!r} is not a landmark id", "write FAMILY:CODE, such as lm8:137")
         family, colon, code = text.strip().rpartition(":")
         if not code.isdecimal() or len(code) > 9 or bool(colon) != bool(family):
             raise InputError("bad_id", f"{text!r} is not a landmark id", "write FAMILY:CODE, such as lm8:137")
-        if family:
-            return cls(family, int(code))
-        known = tuple(dict.fromkeys(families))
+        known = (family,) if family else tuple(dict.fromkeys(families))
         if len(known) != 1:
             several = ", ".join(f"{name}:{code}" for name in known) or f"lm8:{code}"
             raise InputError(
@@ -79,7 +81,10 @@ class LandmarkId(_FamilyAndCode):
                 f"code {code} is without its family",
                 f"write it with its family: {several}",
             )
-        return cls(known[0], int(code))
+        try:
+            return cls(known[0], int(code))
+        except ValueError as error:
+            raise InputError("code_range", str(error), "check the code, and the family") from None
 
 
 def ids_text(ids: Sequence[LandmarkId]) -> str:

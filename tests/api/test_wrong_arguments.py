@@ -185,7 +185,7 @@ def test_what_users_give_is_taken(given: Any) -> None:
     first = next(iter(given.map))
     assert str(first.id) in given.map
     assert given.map.find(str(first.id)) is first
-    assert "lm8:999" not in given.map
+    assert "lm12:99" not in given.map
     plain = lmkit.locate(list(given.seen), rig=given.rig, landmarks=given.map)
     assert plain.to_dict() == given.estimate.to_dict()
     drawn = lmkit.draw(given.image, given.seen, plain, rig="rig.yaml", landmarks="map.yaml")

@@ -13,6 +13,7 @@ import pytest
 from board_views import BOARD, views
 
 from lmkit.cli.calibrate_pairs import written_lines
+from lmkit.errors import InputWarning
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp
@@ -184,6 +185,11 @@ def test_convert_and_rectify(lmkit, pairs, tmp_path):
         assert lmkit("convert", name, "--to", "lmkit", "-o", f"{kind}.back.yaml").code == 0
         back = read_rig(tmp_path / f"{kind}.back.yaml")
         assert back.baseline_m == pytest.approx(make_rig().baseline_m, abs=1e-9)
+    files = [tmp_path / "ros" / name for name in ("left.yaml", "right.yaml")]
+    assert lmkit("convert", *files, "--to", "lmkit", "-o", "two.yaml").code == 0
+    assert (tmp_path / "two.yaml").read_text() == (tmp_path / "ros.back.yaml").read_text()
+    with pytest.warns(InputWarning, match="to the left of the left one"):
+        lmkit("convert", *files[::-1], "--to", "lmkit", "-o", "swapped.yaml")
     answer = lmkit("rectify", left, right, "--rig", "ros", "-o", "flat")
     assert answer.code == 0, answer.err
     assert len(list((tmp_path / "flat").glob("*.png"))) == 12

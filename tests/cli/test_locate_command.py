@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lmkit.cli.locate_sources import warn_of_clocks
-from lmkit.geometry.rig import with_time_offsets
+from lmkit.cli.locate_sources import source_groups, warn_of_clocks
+from lmkit.geometry.rig import Rig, with_time_offsets
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.rig import rig_to_yaml
 from lmkit.io.trajectory import read_trajectory
@@ -88,6 +88,15 @@ def test_locate_names_cameras_that_do_not_expose_together(lmkit, tmp_path):
     given_ = ("--rig", "rig.yaml", "--map", "map.yaml")
     assert "do not expose together (right +80.0 ms)" in lmkit("locate", "dark.png", "dark.png", *given_).err
     assert "expose" not in lmkit("locate", "dark.png", "--mono", *given_).err
+
+
+def test_two_images_for_a_rig_of_one_camera_are_named(capsys):
+    rig = Rig.of_one(make_rig().left)
+    assert source_groups(["l.png", "r.png"], None, rig) == [["l.png"], ["r.png"]]
+    assert "l.png and r.png are two frames of it" in capsys.readouterr().err
+    assert len(source_groups(["1.png", "2.png", "3.png"], None, rig)) == 3
+    assert source_groups([], "l.png", rig) == [["l.png"]]
+    assert not capsys.readouterr().err
 
 
 def test_a_trajectory_has_no_doubtful_poses(room, tmp_path):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from floors import RIG, two_rooms
+from floors import RIG, mounted_every, two_rooms
 
 from lmkit.cli.map_options import read_mounted_map
-from lmkit.errors import InputWarning
-from lmkit.io.landmark_map import read_map
+from lmkit.errors import InputError, InputWarning
+from lmkit.io.any_rig import read_any_rig
+from lmkit.io.landmark_map import map_to_yaml, read_map
 from lmkit.io.rig import rig_to_yaml
 
 GIVEN = ("--family", "aruco4x4_50", "--size", "140mm")
@@ -76,3 +77,16 @@ def test_a_recorded_run_replays_with_the_family_that_was_given(lmkit, files):
     lmkit(*SIMULATED, "--map", "map.txt", *GIVEN, "--record", "run.mcap")
     replayed = lmkit("run", "replay:run.mcap")
     assert (replayed.code, "no pose was published" in replayed.err) == (1, True), replayed.err
+
+
+@pytest.mark.parametrize(
+    ("name", "program"), [("map.txt", "fiducial_slam"), ("field.json", "WPILib"), ("map.yaml", "lmkit")]
+)
+def test_a_map_in_place_of_a_rig_is_named(lmkit, files, name, program):
+    (files / "map.yaml").write_text(map_to_yaml(mounted_every(two_rooms(files), 1.0)))
+    answer = lmkit("convert", name, "--to", "lmkit", "-o", "out.yaml")
+    assert answer.code == 2
+    assert f"{name} is a map of {program}, and --to lmkit writes a rig" in answer.err
+    assert "give --to map, wpilib or tagslam" in answer.err.lower()
+    with pytest.raises(InputError, match=r"a map of|expected 'lmkit-rig/1'"):
+        read_any_rig(files / name)

@@ -493,6 +493,12 @@ def test_a_folder_for_annotations_named_as_a_file_is_refused(lmkit, tmp_path, co
         ),
         (["plan", "route", "1,1", "2,2", "--output", "route.png"], ["--output", "--plan, --csv, --tum"]),
         (["doctor", "-o", "x"], ["No such option: -o; see"]),
+        (["plan", "coverage", "-o", "x"], ["cannot write x", ".png or .svg"]),
+        (["plan", "coverage", "-o", "x.csv"], ["cannot write x.csv", ".png or .svg"]),
+        (["survey", "-o", "map.png"], ["--output map.png", ".yaml"]),
+        (["locate", "--rig", "l.yaml", "--rig", "r.yaml"], ["--rig is given twice", "left.yaml and right.yaml"]),
+        (["convert", "a.yaml", "b.yaml", "c.yaml", "--to", "ros", "-o", "x"], ["one file is converted at a time"]),
+        (["convert", "a.yaml", "b.yaml", "--to", "map", "-o", "x"], ["one file is converted at a time"]),
     ],
 )
 def test_missing_options_are_explained_and_outputs_are_named(lmkit, arguments, words):

@@ -41,7 +41,7 @@ def test_the_three_kinds_of_odometry_agree(tmp_path):
     ("text", "says"),
     [
         ("a,b\n1,2\n", "no column time_s"),
-        ("time_s,b\n1,2\n2,3\n", "no columns of odometry"),
+        ("time_s,b\n1,2\n2,3\n", "no columns of odometry in time_s"),
         ("time_s,left_m,right_m\n1,2,3\n2,3,4\n", "holds distances of wheels"),
         ("time_s,v,w\n1,2,3\n1,3,4\n", "line 3: time does not increase"),
         ("time_s,v,w\n1,2,3\n2,nan,4\n", "line 3"),
@@ -52,6 +52,12 @@ def test_the_three_kinds_of_odometry_agree(tmp_path):
 def test_bad_odometry_is_refused_by_line(tmp_path, text, says):
     with pytest.raises(InputError, match=says):
         read_odometry(written(tmp_path, text))
+
+
+def test_a_gyro_file_in_place_of_odometry_is_named(tmp_path):
+    with pytest.raises(InputError) as raised:
+        read_odometry(written(tmp_path, "time_s,wz\n1,2\n2,3\n"))
+    assert "--gyro" in raised.value.hint
 
 
 def test_a_gyro_file_needs_rates(tmp_path):

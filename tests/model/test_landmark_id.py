@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lmkit.errors import InputError
+from lmkit.model.families import ALL_FAMILIES
 from lmkit.model.landmark_id import LandmarkId, ids_text
 
 NAMES = st.from_regex(r"[a-z][a-z0-9]{0,7}(_[0-9]{1,3})?", fullmatch=True)
@@ -33,6 +34,16 @@ def test_a_bare_code_needs_one_family(families):
 def test_what_is_no_id_is_refused(text):
     with pytest.raises(InputError, match="not a landmark id"):
         LandmarkId.parse(text, ["lm8"])
+
+
+@pytest.mark.parametrize("family", ["lm8", "aruco4x4_50"])
+def test_a_code_that_the_family_does_not_have_is_refused(family):
+    last = ALL_FAMILIES[family].code_count - 1
+    assert LandmarkId.parse(str(last), [family]) == LandmarkId(family, last)
+    with pytest.raises(ValueError, match=f"{family} has no code {last + 1}: its codes are 0 to {last}"):
+        LandmarkId(family, last + 1)
+    with pytest.raises(InputError, match=f"{family} has no code {last + 1}"):
+        LandmarkId.parse(f"{family}:{last + 1}")
 
 
 def test_sentences_name_the_family_only_where_there_are_several():

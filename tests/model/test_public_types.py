@@ -136,13 +136,9 @@ def test_a_mapped_landmark_says_what_its_arguments_must_be(size_m, pose, words):
         MappedLandmark(lm8(1), size_m, pose)
 
 
-@pytest.mark.parametrize(
-    ("family", "code", "words"),
-    [("lm8", 999, "0 to 255"), ("lm99", 1, "lm99")],
-)
-def test_a_map_that_no_one_could_read_is_not_written(family, code, words, tmp_path):
+def test_a_map_that_no_one_could_read_is_not_written(tmp_path):
     pose = Pose.identity("map", "landmark")
-    landmarks = LandmarkMap([MappedLandmark(LandmarkId(family, code), 0.18, pose)])
-    with pytest.raises(InputError, match=words):
+    landmarks = LandmarkMap([MappedLandmark(LandmarkId("lm99", 1), 0.18, pose)])
+    with pytest.raises(InputError, match="lm99"):
         lmkit.write_map(landmarks, tmp_path / "map.yaml")
     assert not list(tmp_path.iterdir())
