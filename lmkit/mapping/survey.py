@@ -33,6 +33,7 @@ from lmkit.mapping.moved_landmark import THIS_RECORDING, MovedLandmark
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.pose_ambiguity import resolve_pose_ambiguities
 from lmkit.mapping.reading_rate import LocatedFrames
+from lmkit.mapping.second_places import with_second_places
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.mapping.survey_results import ContradictedLandmark, Survey, deviations
 from lmkit.mapping.wall_constraints import LandmarkConstraint, strays
@@ -76,6 +77,8 @@ def survey_frames(
     solve = partial(solve_recording, frames, rig, sizes_m, motion=motion, constraints=constraints)
     known = solve_by_known(solve, anchors)
     result = survey_of(known.solved, known.anchors, constraints)
+    contradicted = with_second_places(result.contradicted, result.bundle, OUTLIER_SIGMA, frames, rig, sizes_m)
+    result = replace(result, contradicted=contradicted)
     if not keep_doubtful:
         seen = LocatedFrames.of(known.solved.problem, rig)
         result = _without_doubtful(result, seen, {*known.solved.start.anchors, *anchors})

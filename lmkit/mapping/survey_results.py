@@ -34,6 +34,7 @@ class ContradictedLandmark:
     Attributes:
         off, observations: how many of its observations do not fit.
         from_s, to_s: when those were.
+        place: x, y, z (m) at which those have it, in the map; None where they do not agree.
     """
 
     id: LandmarkId
@@ -41,12 +42,15 @@ class ContradictedLandmark:
     observations: int
     from_s: float
     to_s: float
+    place: tuple[float, float, float] | None = None
 
     def __str__(self) -> str:
+        where = "" if self.place is None else " and show it at x {:.2f} y {:.2f} z {:.2f} m".format(*self.place)
         return (
             f"{self.off} of {self.observations} observations of {self.id}, "
             f"from {self.from_s:.2f} to {self.to_s:.2f} s, "
-            "contradict its pose: it was moved, its code appears twice, or it was misread; check it in the room"
+            f"contradict its pose{where}: "
+            "it was moved, its code appears twice, or it was misread; check it in the room"
         )
 
 
@@ -145,6 +149,7 @@ def _contradicted_dict(c: ContradictedLandmark) -> dict[str, Any]:
         "of": c.observations,
         "from_s": c.from_s,
         "to_s": c.to_s,
+        "place": None if c.place is None else list(c.place),
     }
 
 
@@ -212,6 +217,16 @@ def jump_landmarks(bundle: Bundle, from_s: float, to_s: float) -> str:
     return f" ({ids_text(seen)})" if seen else ""
 
 
+def kept_out_texts(kept_out: Sequence[KeptOut], frames: int) -> list[str]:
+    """Codes that are kept out of the map, one sentence each; of a recording of one frame, one sentence for all."""
+    if frames > 1 or not kept_out:
+        return [str(one) for one in kept_out]
+    return [
+        f"the recording has one frame, and what one frame alone shows is kept out of the map: "
+        f"{ids_text([one.id for one in kept_out])}; record from several places, or keep them (--keep-doubtful)"
+    ]
+
+
 def survey_warnings(
     result: Survey, motion: Motion | None, constraints: Sequence[LandmarkConstraint], advice: Mapping[LandmarkId, str]
 ) -> list[str]:
@@ -220,7 +235,7 @@ def survey_warnings(
     texts = [str(moved) for moved in result.moved]
     if result.disputed:
         texts.append(disputed_text(result.disputed))
-    texts += [str(one) for one in result.kept_out]
+    texts += kept_out_texts(result.kept_out, result.frames)
     texts += exactness_doubts(mapped_landmarks, [c.id for c in result.contradicted])
     texts += [str(contradicted) for contradicted in result.contradicted]
     texts += overlap_doubts(mapped_landmarks)

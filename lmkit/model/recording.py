@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import FloatArray, IntArray, frozen
+from lmkit.arrays import BoolArray, FloatArray, IntArray, frozen
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection, RangeBearing
 from lmkit.model.trajectory import Trajectory
 
 CLOCKS_APART_S = 5.0  # of odometry and cameras, at most
+GYRO_GAP_S = 1.0  # rates are not interpolated over longer gaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,19 @@ class Gyro:
         total = np.concatenate([[0.0], np.cumsum(steps)])
         return np.asarray(np.interp(times_s, self.times_s, total))
 
+    def gaps(self) -> list[tuple[float, float]]:
+        """Times between which no rates came for longer than `GYRO_GAP_S`."""
+        late = np.flatnonzero(np.diff(self.times_s) > GYRO_GAP_S)
+        return list(zip(self.times_s[late].tolist(), self.times_s[late + 1].tolist(), strict=True))
+
+    def covers(self, times_s: FloatArray) -> BoolArray:
+        """(M,) do the rows cover the time from the one before to each time?  Not the first; not over a gap."""
+        before, after = times_s[:-1], times_s[1:]
+        inside = (before >= self.times_s[0]) & (after <= self.times_s[-1])
+        for start, end in self.gaps():
+            inside &= (after <= start) | (before >= end)
+        return np.append(False, inside)
+
 
 def _freeze(record: Odometry | Gyro, *names: str) -> None:
     count = len(record.times_s)
@@ -120,7 +134,7 @@ class Recording:
 
     Raises:
         TypeError: frames that are no RigFrames, or odometry or gyro of another type.
-        ValueError: both frames and readings, or a gyro without wheel odometry.
+        ValueError: both frames and readings, times that decrease, or a gyro without wheel odometry.
     """
 
     frames: tuple[RigFrame, ...] = ()
@@ -135,6 +149,13 @@ class Recording:
             if (value := getattr(self, name)) is not None and not isinstance(value, kinds):
                 known = " or ".join(kind.__name__ for kind in kinds)
                 raise TypeError(f"{name} of a recording must be {known}, not {type(value).__name__}")
+        times = self.times_s
+        if (late := np.flatnonzero(np.diff(times) < 0)).size:
+            before, after = times[late[0] : late[0] + 2].tolist()
+            raise ValueError(
+                f"a recording is in the order of time, and {after:g} s follows {before:g} s: sort by time_s, if the "
+                "stamps are right"
+            )
         if self.frames and self.readings:
             raise ValueError("a recording has frames or readings, not both")
         if self.gyro is not None and not isinstance(self.odometry, Odometry):

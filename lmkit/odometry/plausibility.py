@@ -33,6 +33,7 @@ CLOCKS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 LONGEST_LAG_S, LAG_STEP_S, LEAST_LAG_S = 60.0, 0.1, 0.5
 UNITS = {1000.0: "millimeters", 100.0: "centimeters", 39.37: "inches", 3.281: "feet", 0.001: "kilometers"}
 DEGREES = float(np.rad2deg(1.0))
+NAMED = 3  # gaps in a warning
 ALIKE = 0.25  # logarithm of a ratio to that of a unit
 
 Pairs = tuple[FloatArray, FloatArray]
@@ -99,6 +100,9 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
 
     Raises:
         InputError: ``implausible_gyro`` or ``no_common_times``.
+
+    Warns:
+        InputWarning: the gyro starts late, ends early or has gaps.
     """
     start, end = max(gyro.times_s[0], odometry.times_s[0]), min(gyro.times_s[-1], odometry.times_s[-1])
     if start >= end:
@@ -114,6 +118,9 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
     if rate > FASTEST_RADPS:
         raise _refused("implausible_gyro", f"the gyro turns at {rate:.3g} rad/s: is it in degrees per second?")
     require_one_clock(gyro.times_s, odometry.times_s, "the gyro", "odometry")
+    if missing := _missing(gyro, odometry):
+        sentence = f"the gyro gives no rates {missing}: the wheels' turns stand in; record both from start to end"
+        warnings.warn(InputWarning(sentence), stacklevel=3)
     times = np.arange(start, end, WINDOW_S)
     if len(times) <= LEAST_IN_DEGREES:
         return
@@ -142,6 +149,15 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
             "give the rate about the upward axis, positive to the left, in seconds of the odometry's clock; of an "
             "IMU with the axes of an optical frame (z forward, y down) that is minus the rate about y",
         )
+
+
+def _missing(gyro: Gyro, odometry: Odometry) -> str:
+    """Times of the odometry, in words, without a gyro for over a second."""
+    first, last = odometry.times_s[[0, -1]].tolist()
+    spans = [(first, float(gyro.times_s[0])), *gyro.gaps(), (float(gyro.times_s[-1]), last)]
+    spans = [(start, end) for start, end in spans if end - start > WINDOW_S]
+    some = ", ".join(f"from {start:.1f} to {end:.1f} s" for start, end in spans[:NAMED])
+    return some + (f" and {len(spans) - NAMED} times more" if len(spans) > NAMED else "")
 
 
 def require_agreement(odometry: Odometry, times_s: FloatArray, states: FloatArray) -> None:

@@ -88,7 +88,7 @@ class Rows(NamedTuple):
 
 
 class MotionModel:
-    """Odometry, with the gyro's turns in place of the wheels' where there is a gyro."""
+    """Odometry, with the gyro's turns in place of the wheels' at all times that the gyro covers."""
 
     names, nominal, prior_sigma, of_base = PARAMETERS, NOMINAL, PRIOR_SIGMA, True
 
@@ -98,8 +98,7 @@ class MotionModel:
         turn = odometry.turn_rad
         if gyro is not None:
             turned = gyro.turned(odometry.times_s)
-            inside = (odometry.times_s >= gyro.times_s[0]) & (odometry.times_s <= gyro.times_s[-1])
-            turn = np.where(inside, np.diff(turned, prepend=turned[:1]), turn)
+            turn = np.where(gyro.covers(odometry.times_s), np.diff(turned, prepend=turned[:1]), turn)
         seconds = np.zeros(len(turn))
         seconds[1:] = self._times[1:] - self._times[:-1]
         rate = np.where(seconds > 0, np.abs(turn) / np.maximum(seconds, 1e-9), 0.0)

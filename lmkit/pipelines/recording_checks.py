@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,9 +19,10 @@ from lmkit.localization.mirror import find_mirror
 from lmkit.localization.range_bearing import locate_planar
 from lmkit.localization.rig_contradiction import find_rig_cause, size_doubt
 from lmkit.model.corner_order import require_clockwise
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
-from lmkit.model.recording import Odometry, Recording
+from lmkit.model.recording import Odometry, Recording, RigFrame
 from lmkit.odometry.plausibility import (
     require_agreement,
     require_one_clock,
@@ -29,6 +32,10 @@ from lmkit.odometry.plausibility import (
 )
 
 MOST_LOCATED = 80
+# Of frames in an order that tells nothing: fewer frames tell nothing either; what they share with the next one is
+# within this share of what any two frames share. Frames further apart than this have little in common anyway.
+LEAST_ORDERED, IN_ORDER, MOSTLY_ALIKE, ORDERED_S = 20, 0.25, 0.7, 2.5
+FLOORS_APART_M, LEAST_ON_FLOOR = 1.5, 3
 
 
 def require_plausible_recording(
@@ -50,6 +57,8 @@ def require_plausible_recording(
     require_seconds(recording.times_s)
     require_clockwise(o for frame in recording.frames for o in frame.detections)
     _require_plausible_readings(recording)
+    if (doubt := order_doubt(recording.frames)) is not None:
+        warnings.warn(InputWarning(doubt), stacklevel=3)
     if rig is not None:
         require_plausible(rig, "the rig")
         if landmarks is not None and (cause := find_mirror(recording.frames, rig, landmarks)) is not None:
@@ -75,7 +84,8 @@ def require_plausible_recording(
     if recording.gyro is not None:
         require_plausible_gyro(recording.gyro, odometry)
     if landmarks is not None:
-        times_s, states = _located(recording, rig, landmarks)
+        times_s, states, heights_m = _located(recording, rig, landmarks)
+        _require_one_floor(times_s, heights_m)
         require_agreement(odometry, times_s, states)
 
 
@@ -93,22 +103,72 @@ def _require_plausible_readings(recording: Recording) -> None:
             raise InputError("bad_reading", f"a {what} to {reading.id} at {time_s:g} s is not a reading", hint)
 
 
-def _located(recording: Recording, rig: AnyRig | None, landmarks: LandmarkMap) -> tuple[FloatArray, FloatArray]:
-    """(K,), (K,3) times and planar poses of the robot by landmarks alone."""
+def order_doubt(frames: Sequence[RigFrame]) -> str | None:
+    """A sentence where frames that follow each other have no more landmarks in common than any two; else None.
+
+    Stills from here and there may be so; frames of a moving robot, seconds apart, are not.
+    """
+    seen = [(frame.time_s, frozenset(d.id for d in frame.detections)) for frame in frames]
+    seen = [(time_s, ids) for time_s, ids in seen if ids]
+    if len(seen) < LEAST_ORDERED or np.median(np.diff([time_s for time_s, _ in seen])) > ORDERED_S:
+        return None
+    ids = [ids for _, ids in seen]
+    mixed = [ids[k] for k in np.random.default_rng(0).permutation(len(ids))]
+    next_to, any_two = _alike(ids), _alike(mixed)
+    if any_two > MOSTLY_ALIKE or next_to > any_two + IN_ORDER * (1 - any_two):
+        return None
+    return (
+        f"frames that follow each other share {100 * next_to:.0f} % of their landmarks, any two frames "
+        f"{100 * any_two:.0f} %: are the time stamps shuffled? Give each frame the time of its own image"
+    )
+
+
+def _alike(ids: Sequence[frozenset[LandmarkId]]) -> float:
+    """Mean share of the landmarks of a frame and the next one that both have."""
+    return float(np.mean([len(a & b) / len(a | b) for a, b in pairwise(ids)]))
+
+
+def _require_one_floor(times_s: FloatArray, heights_m: FloatArray) -> None:
+    """Refuse a robot on wheels that is on two floors, by landmarks alone.
+
+    Raises:
+        InputError: ``two_floors``, with the heights and when it is there.
+    """
+    order = np.argsort(heights_m)
+    steps = np.diff(heights_m[order])
+    if len(steps) == 0 or steps.max() < FLOORS_APART_M:
+        return
+    cut = int(steps.argmax()) + 1
+    parts = sorted((order[:cut], order[cut:]), key=lambda rows: float(np.median(times_s[rows])))
+    if min(map(len, parts)) < LEAST_ON_FLOOR:
+        return
+    where = " and ".join(
+        f"{np.median(heights_m[rows]):.1f} m high from {times_s[rows].min():.1f} to {times_s[rows].max():.1f} s"
+        for rows in parts
+    )
+    hint = "cut the recording where it changes floors; wheel odometry knows one floor, poses (TUM) several"
+    raise InputError("two_floors", f"the landmarks show the robot {where}: two floors in one recording", hint)
+
+
+def _located(
+    recording: Recording, rig: AnyRig | None, landmarks: LandmarkMap
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(K,), (K,3), (K,) times, planar poses and heights of the robot by landmarks alone."""
     rows = []
     if rig is not None and rig.T_base_left is not None:
         frames, T_left_base = recording.frames, rig.T_base_left.inverse()
         for frame in frames[:: 1 + len(frames) // MOST_LOCATED]:
             found = locate_rig(frame.seen, rig, landmarks)
             if found.status == PoseStatus.OK and found.T_map_camera is not None:
-                rows.append((frame.time_s, *planar_state(found.T_map_camera @ T_left_base)))
+                T_map_base = found.T_map_camera @ T_left_base
+                rows.append((frame.time_s, *planar_state(T_map_base), float(T_map_base.t[2])))
     for time_s, seen in recording.readings:
         planar = locate_planar(seen, landmarks)
         pose = planar.pose
         if planar.status == PoseStatus.OK and pose is not None and pose.heading_rad is not None:
-            rows.append((time_s, pose.x_m, pose.y_m, pose.heading_rad))
-    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
-    return table[:, 0], table[:, 1:]
+            rows.append((time_s, pose.x_m, pose.y_m, pose.heading_rad, 0.0))
+    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    return table[:, 0], table[:, 1:4], table[:, 4]
 
 
 def odometry_doubt(odometry: Odometry, times_s: FloatArray, states: FloatArray) -> str | None:

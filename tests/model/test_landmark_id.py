@@ -10,7 +10,9 @@ from lmkit.errors import InputError
 from lmkit.model.families import ALL_FAMILIES
 from lmkit.model.landmark_id import LandmarkId, ids_text
 
-NAMES = st.from_regex(r"[a-z][a-z0-9]{0,7}(_[0-9]{1,3})?", fullmatch=True)
+NAMES = st.from_regex(r"[a-z][a-z0-9]{0,7}(_[0-9]{1,3})?", fullmatch=True).filter(
+    lambda name: name not in ALL_FAMILIES
+)
 IDS = st.builds(LandmarkId, NAMES, st.integers(0, 10**9 - 1))
 
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lmkit.api.recordings import survey, track
 from lmkit.errors import InputError, InputWarning
+from lmkit.geometry.pose import Pose
 from lmkit.io.readings import read_readings
 from lmkit.localization.rig_contradiction import size_doubt
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import Gyro, Odometry, Recording
-from lmkit.odometry.plausibility import require_seconds
+from lmkit.odometry.plausibility import require_plausible_gyro, require_seconds
+from lmkit.odometry.wheel_odometry import NOMINAL, MotionModel
+from lmkit.pipelines.recording_checks import LEAST_ORDERED, order_doubt
 from lmkit.simulation.recording import make_drive
 
 
@@ -79,6 +86,77 @@ def test_survey_refuses_what_track_refuses(drive, word):
 def test_a_survey_without_known_landmarks_names_odometry_that_runs_backwards(drive):
     warnings = survey(of_frames(drive, odometry(drive, way=-1.0), None), drive.rig).warnings
     assert "runs backwards" in warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("kept", "words"),
+    [
+        (lambda t: t > 8.0, "gives no rates from -0.2 to 8.0 s: the wheels' turns"),
+        (lambda t: t < 21.0, "from 21.0 to 29.7 s"),
+        (lambda t: (t < 5.0) | (t > 9.0), "from 5.0 to 9.0 s"),
+    ],
+)
+def test_a_gyro_that_misses_a_part_is_named_and_the_wheels_stand_in(drive, kept, words):
+    rows = kept(drive.gyro.times_s)
+    part = Gyro(drive.gyro.times_s[rows], drive.gyro.rate_radps[rows])
+    with pytest.warns(InputWarning, match=words):
+        require_plausible_gyro(part, drive.odometry)
+    times_s = drive.odometry.times_s
+    models = [MotionModel(drive.odometry, some) for some in (part, drive.gyro, None)]
+    without_delay = np.append(NOMINAL[:-1], 0.0)
+    turned = [model.increments(times_s, without_delay).motions[:, 2] for model in models]
+    covered = part.covers(times_s)[1:]
+    assert 0.5 < covered.mean() < 0.9
+    # Increments are interpolated in sums of all rows.
+    assert np.abs(turned[0] - turned[1])[covered].max() < 1e-9
+    assert np.abs(turned[0] - turned[2])[~covered].max() < 1e-9
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_shuffled_stamps_are_named(drive, own):
+    mixed = np.random.default_rng(1).permutation(len(drive.frames)).tolist()
+    frames = [replace(drive.frames[k], time_s=f.time_s) for k, f in zip(mixed, drive.frames, strict=True)]
+    with pytest.warns(InputWarning, match="are the time stamps shuffled"):
+        survey(Recording(tuple(frames), odometry=drive.odometry if own else None), drive.rig)
+    with pytest.raises(ValueError, match=r"in the order of time, and .* follows"):
+        Recording(tuple(drive.frames[k] for k in mixed))
+
+
+@pytest.mark.parametrize("seed", range(100, 106))
+@pytest.mark.parametrize("every", [1, 10])
+def test_frames_in_their_order_are_believed(seed, every):
+    frames = make_drive(seed, seconds=60).frames[::every]
+    assert len(frames) >= LEAST_ORDERED and order_doubt(frames) is None
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_two_floors_in_one_recording_are_named(drive, live):
+    """A lift carries the robot up after half of the recording; wheels do not feel it."""
+
+    def above(id_):
+        return LandmarkId("lm12", id_.code % 184)
+
+    up = np.array([0.0, 0.0, 3.2])
+    upstairs = [
+        replace(
+            m, id=above(m.id), T_map_landmark=Pose("map", "landmark", m.T_map_landmark.R, m.T_map_landmark.t + up)
+        )
+        for m in drive.landmarks
+    ]
+    frames = list(drive.frames)
+    for k in range(len(frames) // 2, len(frames)):
+        seen = tuple(tuple(replace(o, id=above(o.id)) for o in camera) for camera in frames[k].seen)
+        frames[k] = replace(frames[k], seen=seen)
+    recording, both = Recording(tuple(frames), odometry=drive.odometry), LandmarkMap([*drive.landmarks, *upstairs])
+    with pytest.raises(InputError, match=r"0.0 m high from 0.4 to .* s and 3.2 m high from .* s: two floors"):
+        track(recording, drive.rig, both, live=live)
+    assert len(track(replace(recording, odometry=None), drive.rig, both)) == len(frames) or live
+
+
+def test_a_recording_of_one_frame_is_named(drive):
+    warnings = survey(Recording(tuple(drive.frames[40:41])), drive.rig).warnings
+    assert sum("kept out of the map" in text for text in warnings) == 1
+    assert "the recording has one frame" in warnings[0] and "--keep-doubtful" in warnings[0]
 
 
 @pytest.mark.parametrize("seed", range(4))
