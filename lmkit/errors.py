@@ -24,6 +24,14 @@ class LmkitError(Exception):
         code: short stable name for scripts, e.g. ``image_truncated``.
         message: what is wrong and where, in one line.
         hint: how to fix it, in one line.
+
+    Examples:
+        >>> import lmkit
+        >>> try:
+        ...     lmkit.read_map("rig.yaml")
+        ... except lmkit.LmkitError as error:
+        ...     print(error.code, error.exit_code)
+        wrong_format 2
     """
 
     exit_code = 70

@@ -29,6 +29,11 @@ class CameraModel:
 
     Raises:
         ValueError: an unknown model, a wrong number of coefficients, or a K that is no camera matrix.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.CameraModel((640, 480), [[460, 0, 320], [0, 460, 240], [0, 0, 1]], [-0.21, 0.05, 0, 0, 0])
+        CameraModel(pinhole, 640 x 480, f 460.0 460.0 px, center 320.0 240.0 px)
     """
 
     image_size: tuple[int, int]

@@ -30,6 +30,15 @@ class Pose:
 
     Raises:
         ValueError: R is no rotation (to 1e-6), or a shape is wrong.
+
+    Examples:
+        >>> import lmkit
+        >>> T_map_base = lmkit.Pose("map", "base", [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [2.0, 1.0, 0.0])
+        >>> T_base_left = lmkit.Pose.from_quaternion("base", "left", [0.1, 0.0, 0.3], [0, 0, 0, 1])
+        >>> (T_map_base @ T_base_left).t.tolist()
+        [2.0, 1.1, 0.3]
+        >>> T_map_base.apply([[1.0, 0.0, 0.0]]).tolist()
+        [[2.0, 2.0, 0.0]]
     """
 
     to_frame: str

@@ -33,6 +33,12 @@ class MountedCamera:
     Raises:
         TypeError: the model is no CameraModel, or T_camera_left no Pose.
         ValueError: T_camera_left joins other frames.
+
+    Examples:
+        >>> import lmkit
+        >>> camera = lmkit.CameraModel((640, 480), [[460, 0, 320], [0, 460, 240], [0, 0, 1]], [0, 0, 0, 0, 0])
+        >>> lmkit.MountedCamera("front", camera, lmkit.Pose.identity("camera", "left"))
+        MountedCamera(front, pinhole, at x 0.000 y 0.000 z 0.000 m)
     """
 
     name: str
@@ -64,6 +70,13 @@ class Rig:
     Raises:
         TypeError: something else than MountedCameras, or T_base_left is no Pose.
         ValueError: no camera, two of one name, or a first camera that is not at the rig's origin or on its clock.
+
+    Examples:
+        >>> import lmkit
+        >>> camera = lmkit.CameraModel((640, 480), [[460, 0, 320], [0, 460, 240], [0, 0, 1]], [0, 0, 0, 0, 0])
+        >>> rig = lmkit.Rig.of_one(camera, name="front")
+        >>> [mounted.name for mounted in rig.cameras]
+        ['front']
     """
 
     cameras: tuple[MountedCamera, ...]

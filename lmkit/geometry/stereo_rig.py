@@ -36,6 +36,13 @@ class StereoRig:
     Raises:
         TypeError: a camera is no CameraModel, or a pose no Pose.
         ValueError: a pose joins other frames.
+
+    Examples:
+        >>> import lmkit
+        >>> camera = lmkit.CameraModel((640, 480), [[460, 0, 320], [0, 460, 240], [0, 0, 1]], [0, 0, 0, 0, 0])
+        >>> right = lmkit.Pose("right", "left", [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [-0.12, 0, 0])
+        >>> lmkit.StereoRig(camera, camera, right).baseline_m
+        0.12
     """
 
     left: CameraModel

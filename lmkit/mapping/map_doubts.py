@@ -15,8 +15,8 @@ def overlap_doubts(landmarks: Iterable[MappedLandmark]) -> list[str]:
     """A sentence for each pair of landmarks that overlap."""
     return [
         f"{a.id} and {b.id} overlap, {1000 * apart:.0f} mm from center to center: one of them was misread, "
-        "was mounted there before the other, or is mounted on another floor; check in the room, and delete the wrong one "
-        "from the map, or survey each floor by itself"
+        "was mounted there before the other, or is mounted on another floor; check in the room, and delete the wrong "
+        "one from the map, or survey each floor by itself"
         for a, b, apart in overlaps(landmarks)
     ]
 

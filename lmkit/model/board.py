@@ -39,6 +39,12 @@ class BoardSpec:
         legacy: the marker layout of OpenCV before 4.6 (charuco with an even number of rows).
         first_code: of the landmark or marker at the top left; the others follow row by row (landmarks, charuco).
         stretch: what the print measures in x and y, over what it should.
+
+    Examples:
+        >>> import lmkit
+        >>> board = lmkit.BoardSpec.parse("chessboard:9x6:25mm")
+        >>> board.kind, board.columns, board.rows, board.square_mm
+        ('chessboard', 9, 6, 25.0)
     """
 
     kind: str

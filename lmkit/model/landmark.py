@@ -53,6 +53,11 @@ class LandmarkFamily:
         triangle_mm: height of the triangle above the center and half of its base.
         distance: gap positions in which any two codes differ at least, in any quarter turn, where the
             triangle counts for two; 1 uses every word, more leaves some out so that misreadings show.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.LM8.name, lmkit.LM8.code_count, lmkit.LM8.side_mm
+        ('lm8', 256, 180.0)
     """
 
     name: str

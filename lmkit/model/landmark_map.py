@@ -43,6 +43,12 @@ class MappedLandmark:
         TypeError: `id` is no LandmarkId, `T_map_landmark` no Pose, or `size_m` no number.
         ValueError: `size_m` is not between 0 and 100, `T_map_landmark` joins other frames, or `covariance` is not a
             symmetric (6,6) array with variances of 0 or more.
+
+    Examples:
+        >>> import lmkit
+        >>> pose = lmkit.Pose.from_quaternion("map", "landmark", [1.5, 0.0, 1.2], [0, 0.7071068, 0.7071068, 0])
+        >>> lmkit.MappedLandmark(lmkit.LandmarkId("lm8", 137), 0.18, pose)
+        MappedLandmark(lm8:137, 180 mm, x 1.500 y 0.000 z 1.200 m)
     """
 
     id: LandmarkId
@@ -101,6 +107,13 @@ class LandmarkMap:
 
     Raises:
         InputError: two landmarks that are valid now have the same id, or something is no MappedLandmark.
+
+    Examples:
+        >>> import lmkit
+        >>> landmarks = lmkit.read_map("map.yaml")
+        >>> first = next(iter(landmarks))
+        >>> landmarks.find(first.id) is first, first.id in landmarks
+        (True, True)
     """
 
     def __init__(self, landmarks: Iterable[MappedLandmark]) -> None:

@@ -24,6 +24,12 @@ class Detection:
     Raises:
         TypeError: the id is no LandmarkId.
         ValueError: an array has another shape, or values that are not finite; the confidence is no probability.
+
+    Examples:
+        >>> import lmkit
+        >>> corners = [[100, 100], [150, 100], [150, 150], [100, 150]]
+        >>> lmkit.Detection(lmkit.LandmarkId("lm8", 137), corners, confidence=0.99, margin=20.0).center.tolist()
+        [125.0, 125.0]
     """
 
     id: LandmarkId

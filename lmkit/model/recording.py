@@ -135,6 +135,11 @@ class Recording:
     Raises:
         TypeError: frames that are no RigFrames, or odometry or gyro of another type.
         ValueError: both frames and readings, times that decrease, or a gyro without wheel odometry.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.read_recording(detections="detections.csv", odometry="odometry.csv", gyro="gyro.csv")
+        Recording(... frames, ... s, wheel odometry, gyro)
     """
 
     frames: tuple[RigFrame, ...] = ()

@@ -24,6 +24,11 @@ class Trajectory:
 
     Raises:
         ValueError: another shape, values that are not finite, times that fall, or quaternions not of unit length.
+
+    Examples:
+        >>> import lmkit
+        >>> lmkit.Trajectory([0.0, 0.5], [[0, 0, 0], [0.2, 0, 0]], [[0, 0, 0, 1], [0, 0, 0, 1]])
+        Trajectory(2 poses, 0.5 s)
     """
 
     times_s: FloatArray

@@ -53,6 +53,11 @@ class Demand:
 
     Raises:
         InputError: a number out of range; names it.
+
+    Examples:
+        >>> import lmkit
+        >>> print(lmkit.Demand(error_m=0.03, in_view=3))
+        3 cm and 2 deg with 3 landmarks in view for 25% of the headings
     """
 
     error_m: float = 0.05

@@ -142,7 +142,7 @@ export async function show(stage) {
 // The table of inputs and outputs; `cells` is given what changes, row by row.
 function table(entries, cells) {
   if (!entries.length) return h("p", { class: "small soft" }, "Not reported by this run.");
-  return h("table", null, h("thead", null, h("tr", null, ["Way", "Name", "Rate", "Count", "Lost"].map((t, k) => h("th", { scope: "col", class: k > 1 ? "n" : null }, t)))),
+  return h("table", null, h("thead", null, h("tr", null, ["Direction", "Name", "Rate", "Count", "Lost"].map((t, k) => h("th", { scope: "col", class: k > 1 ? "n" : null }, t)))),
     h("tbody", null, entries.map(() => {
       const [way, name, rate, count, lost, problem] = ["span", "span", "span", "span", "span", "div"].map((tag) => h(tag));
       problem.className = "small bad";
