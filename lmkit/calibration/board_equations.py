@@ -125,14 +125,15 @@ class Blocks:
             scale: the robust scale.
         """
         weight = robust_weight(residual / camera.sigma, scale)[:, None] / camera.sigma**2
-        both = np.concatenate([shared, pose], axis=2)
-        weighted = weight[:, :, None] * both
+        rows = np.concatenate([shared, pose, residual[:, :, None]], axis=2)
+        rows *= np.sqrt(weight)[:, :, None]
         starts = np.concatenate([[0], camera.ends[:-1]])
         own, width = len(columns), len(columns) + POSE
-        normal, gradient = np.zeros((len(starts), width, width)), np.zeros((len(starts), width))
+        products = np.zeros((len(starts), width + 1, width + 1))
         for p, (a, b) in enumerate(zip(starts, camera.ends, strict=True)):
-            WJ = weighted[a:b].reshape(-1, width)
-            normal[p], gradient[p] = WJ.T @ both[a:b].reshape(-1, width), WJ.T @ residual[a:b].ravel()
+            J = rows[a:b].reshape(-1, width + 1)
+            products[p] = J.T @ J  # BLAS knows that it is symmetric
+        normal, gradient = products[:, :width, :width], products[:, :width, width]
         self.shared[:, columns[:, None], columns] += normal[:, :own, :own]
         self.mixed[:, columns] += normal[:, :own, own:]
         self.poses[:] += normal[:, own:, own:]
@@ -153,7 +154,7 @@ def reduced_equations(
     back = mixed @ inverse
     shared = (blocks.shared.sum(axis=0) + blocks.prior)[np.ix_(fitted, fitted)]
     shared = shared + np.diag(damping * np.diag(shared) + 1e-12 * (damping > 0))
-    return shared - np.einsum("pgi,phi->gh", back, mixed), (inverse, back)
+    return shared - np.tensordot(back, mixed, axes=((0, 2), (0, 2))), (inverse, back)
 
 
 def solve_step(blocks: Blocks, fitted: BoolArray, damping: float) -> tuple[FloatArray, FloatArray]:
