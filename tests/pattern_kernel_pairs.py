@@ -227,6 +227,7 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
             yield smooth, where, window, rules
         from_steps = rules._replace(darker=0.01, step_per_change=3.0, least_step=2.0, most_step=12.0)
         yield smooth, None, 5, from_steps
+        yield smooth, None, 5, from_steps._replace(darker=-0.02)
         yield (plane + rng.normal(0, 3, plane.shape)).clip(0, 255).astype(np.uint8), None, 5, from_steps
     # A sheet of which something dark covers a corner, and one that a shadow's edge cuts: their margins are strips.
     for cut in (x + y < 66, 0.2 * x + y < 66):

@@ -1,9 +1,8 @@
 """Candidates: dark squares on white, found in several channels of the halved image.
 
 Color alone loses dim, warm and noisy images (docs/landmark.md, section 6), so the squares come
-from brightness (white margin against red and blue), from red (white and red against blue) and from
-the darkest channel (white against any color), each with a local threshold.  What is found is only a
-place to look: loose tests here, strict ones after decoding.
+from brightness (white margin against red and blue) and from red (white and red against blue), each with
+a local threshold.  What is found is only a place to look: loose tests here, strict ones after decoding.
 """
 
 from __future__ import annotations
@@ -35,11 +34,11 @@ class Source:
     """One way of making a binary image.
 
     Attributes:
-        channel: ``gray``, ``darkest`` (of red, green, blue) or ``red``.
+        channel: ``gray`` or ``red``.
         halvings: how often the image is halved before.
         window: side of the window for the local mean, pixels of that image.
-        darker: share by which a pixel must lie under its local mean.  A ratio and not gray levels,
-            so that dim and bright rooms are treated alike.
+        darker: share by which a pixel must lie under its local mean, or, where negative, by which it may lie over
+            it.  A ratio and not gray levels, so that dim and bright rooms are treated alike.
         least_px: images whose shorter side, halved, is smaller are not searched: the source finds nothing there.
     """
 
@@ -104,15 +103,12 @@ def find_candidates(
 
 
 def _channel_of(image: ByteArray, channel: str) -> ByteArray:
-    """(H,W) gray, red or the darkest channel of (H,W,3) BGR, in memory that the next call writes to."""
+    """(H,W) gray or red of (H,W,3) BGR, in memory that the next call writes to."""
     plane = _WORKSPACE.bytes("plane", image.shape[:2])
     if channel == "gray":
         cv2.cvtColor(image, cv2.COLOR_BGR2GRAY, dst=plane)
     else:
         cv2.extractChannel(image, 2, dst=plane)
-    if channel == "darkest":
-        for other in (0, 1):
-            cv2.min(plane, cv2.extractChannel(image, other), dst=plane)
     return plane
 
 

@@ -32,7 +32,7 @@ RULES = DecodingRules(
     ),
 )
 PROMISING_TURN_MARGIN, PROMISING_PATTERN = 2.0, 0.02
-PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.1, (1.1, 100.0)
+PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.1, 1.1
 # Once the code stands at the first pixels; 1 in 500 of what is accepted in the end shows less.
 SETTLED_CODE_MARGIN, SETTLED_TURN_MARGIN = 1.5, 6.0
 # A turn so clear leaves only the code open: few of a large landmark's first pixels lie in its gaps.
@@ -103,13 +103,16 @@ class Decoding:
 
     @property
     def is_promising(self) -> bool:
-        """Worth registering: far looser than what is accepted in the end."""
-        low, high = PROMISING_CONTRAST
+        """Worth registering: far looser than what is accepted in the end.
+
+        No contrast is too large: the blur that a fit starts with is generous, and takes the ground of a sharp image
+        for darker than black.
+        """
         return (
             self.turn_margin > PROMISING_TURN_MARGIN
             and self.pattern > PROMISING_PATTERN
             and self.red_over_blue > PROMISING_RED_OVER_BLUE
-            and low < self.white_over_ground < high
+            and self.white_over_ground > PROMISING_CONTRAST
         )
 
     @property

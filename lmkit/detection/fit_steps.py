@@ -121,7 +121,7 @@ def _rules(family: LandmarkFamily, pixels: int) -> FitRules:
         decoding.PROMISING_TURN_MARGIN,
         decoding.PROMISING_PATTERN,
         decoding.PROMISING_RED_OVER_BLUE,
-        *decoding.PROMISING_CONTRAST,
+        decoding.PROMISING_CONTRAST,
     )
     priors = Priors(RIDGE, DISTORTION_PRIOR, SHADING_PRIOR, MIXED_PIXEL_PRIOR, 10.0, COLOR_SHIFT_PRIOR)
     return FitRules(

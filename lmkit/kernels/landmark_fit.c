@@ -39,7 +39,7 @@ typedef struct {
     Steps coarse, fine;
     double skew, reach, band, near_share, noise, floor, paper;
     double decoding[9], priors[PRIORS], limits[LIMITS - 1];
-    double correlated, turn_margin, pattern, red_over_blue, least_contrast, most_contrast;
+    double correlated, turn_margin, pattern, red_over_blue, least_contrast;
     double settled_code, settled_turn, settled_clear;           /* margins once the code stands */
     double least_blur, blur_share, blurred_side; /* where a fit begins */
     double least_error, few_edges, mosaic, growth, full, stretch; /* of the corners, px */
@@ -206,7 +206,7 @@ static int is_promising(const Fit *f, const double *decoded, int64_t n)
         return 0;
     double white = inks[0] + inks[1] + inks[2], ground = inks[6] + inks[7] + inks[8];
     double contrast = white / (ground > 1e-6 ? ground : 1e-6);
-    return red_over_blue(inks) > f->red_over_blue && f->least_contrast < contrast && contrast < f->most_contrast;
+    return red_over_blue(inks) > f->red_over_blue && contrast > f->least_contrast;
 }
 
 /* Worth the last steps; a shadow that is not yet sharp costs margins, so that nothing is said of it. */

@@ -38,7 +38,6 @@ class Promising(NamedTuple):
     pattern: float
     red_over_blue: float
     least_contrast: float
-    most_contrast: float
 
 
 class Settled(NamedTuple):
@@ -185,7 +184,7 @@ class _Fit(ctypes.Structure):
         ("decoding", ctypes.c_double * 9),
         ("priors", ctypes.c_double * 6),
         ("limits", ctypes.c_double * 5),
-        ("promising", ctypes.c_double * 6),
+        ("promising", ctypes.c_double * 5),
         ("settled", ctypes.c_double * 3),
         ("start", ctypes.c_double * 3),
         ("errors", ctypes.c_double * 6),

@@ -30,7 +30,8 @@ class QuadRules(NamedTuple):
 
     Attributes:
         least_side: px.
-        darker: share by which a pixel must lie under its local mean; a ratio, so that dim and bright rooms are alike.
+        darker: share by which a pixel must lie under its local mean, or, where negative, may lie over it; a ratio, so
+            that dim and bright rooms are alike.
         longest: outlines of more pixel sides are left out.
         completed_side: side from which squares with a hidden part are completed, px.
         straight: share of the outline's length by which a straight stretch may deviate.

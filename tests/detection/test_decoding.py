@@ -42,3 +42,11 @@ def test_a_code_is_as_sure_as_the_less_sure_of_both_says(plain, robust, pixels):
 def test_nothing_by_robust_weights_is_no_code():
     plain = Decoded(0, 3, 1.0, 2.0, 2.0, 4.0, np.ones((4, 3)), 10.0, 0.0, np.zeros(10), np.ones(10))
     assert cautious_decoding_of(tables_of(LM8), plain, None, 400).margin == 0.0
+
+
+def test_a_ground_that_is_extrapolated_to_less_than_black_is_promising():
+    """The generous blur that a fit starts with does so in sharp images of much contrast."""
+    inks = np.array([[1.6, 1.5, 1.5], [-0.2, -0.1, 0.3], [0.05, -0.1, -0.1], [1.0, 1.0, 1.0]])
+    parts = 2 + LM8.gap_count
+    found = Decoded(0, 1, 1.0, 3.0, 5.0, 9.0, inks, 10.0, 0.0, np.zeros(parts), np.ones(parts))
+    assert decoding_of(tables_of(LM8), found, 400).is_promising
