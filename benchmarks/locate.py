@@ -6,6 +6,9 @@ The true map and rig are given; codes that are mounted twice in a room are left 
 runs over `LocateOptions.corner_floor_px`, the share of the corners' error that detection does not
 know of.  Below it AprilTag 3 on the second pose images (same rooms, cameras and noise, other faces), with
 what a user of OpenCV would do next: every corner of the left image into `solvePnPRansac`, then Levenberg-Marquardt.
+
+At the end: errors of place at the usual floor beside those that the stated covariances expect, each with the 95 %
+interval of as many pairs, and the pairs that are off by most.
 """
 
 import json
@@ -14,6 +17,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from pathlib import Path
 
@@ -35,6 +39,7 @@ from lmkit.pipelines.look_again import FrameImage, locate_frame
 
 FLOORS_PX = (0.0, 0.05, LocateOptions().corner_floor_px, 0.15)
 LEVELS = (0.5, 0.9, 0.95, 0.99)
+FAR_M, DRAWS = 0.012, 2000
 
 
 @lru_cache(maxsize=1)
@@ -66,7 +71,21 @@ def true_map(truth: dict, room: int) -> LandmarkMap:
     return LandmarkMap(mapped)
 
 
-def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, float]]:
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A located pair at the usual floor: its error (m) and the covariance (3,3) stated for it.
+
+    Attributes:
+        landmarks: that were used.
+    """
+
+    name: str
+    off_m: float
+    covariance: np.ndarray
+    landmarks: int
+
+
+def locate(folder: Path, index: int) -> tuple[list[tuple[str, float, float, float, float]], Place | None]:
     """For each floor: status, errors of position (m) and heading (deg), and both parts' squared normalized error."""
     cv2.setNumThreads(1)
     truth = read_truth(folder)
@@ -77,7 +96,7 @@ def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, flo
     ]
     seen = [detect_landmarks(image.pixels, image.options) for image in images]
     T = true_pose(pair)
-    answers = []
+    answers, place = [], None
     for floor_px in FLOORS_PX:
         options = LocateOptions(corner_floor_px=floor_px)
         estimate, _ = locate_frame(images, seen, rig, true_map(truth, pair["room"]), options)
@@ -90,7 +109,9 @@ def locate(folder: Path, index: int) -> list[tuple[str, float, float, float, flo
         nees = off @ np.linalg.solve(C[:3, :3], off), turn @ np.linalg.solve(C[3:, 3:], turn)
         off_deg = heading_off_deg(estimate.T_map_camera, T)
         answers.append(("ok", float(np.linalg.norm(off)), float(nees[0]), float(nees[1]), off_deg))
-    return answers
+        if floor_px == LocateOptions().corner_floor_px:
+            place = Place(pair["pair"], answers[-1][1], C[:3, :3], len(estimate.inliers))
+    return answers, place
 
 
 @cache
@@ -147,7 +168,7 @@ def main(rooms: Path) -> None:
     print("| floor, px | located | position, cm | heading, deg | NEES / 3, place, turn | truth inside |")
     print("|---|---|---|---|---|---|")
     for k, floor_px in enumerate(FLOORS_PX):
-        found = [answer[k] for answer in answers]
+        found = [answer[k] for answer, _ in answers]
         good = np.array([numbers for status, *numbers in found if status == "ok"])
         nees = ", ".join(f"{good[:, j].mean() / 3:.2f}" for j in (1, 2))
         inside = " ".join(f"{(good[:, 1] < chi2.ppf(level, 3)).mean():.2f} of {level}," for level in LEVELS)
@@ -156,6 +177,29 @@ def main(rooms: Path) -> None:
     good = np.array([numbers for status, *numbers in peer if status == "ok"])
     row = f"| AprilTag 3, PnP | {len(good)} of {len(peer)} | {_at_levels(100 * good[:, 0])} |"
     print(f"{row} {_at_levels(good[:, 1])} | - | - |")
+    print_expected([place for _, place in answers if place is not None])
+
+
+def print_expected(places: list[Place]) -> None:
+    """Errors, those that the covariances expect, and the pairs that are off by most."""
+    rng = np.random.default_rng(0)
+    off = np.array([place.off_m for place in places])
+    again = rng.choice(off, (DRAWS, len(off)))
+    drawn = [rng.multivariate_normal(np.zeros(3), place.covariance, DRAWS) for place in places]
+    expected = np.linalg.norm(drawn, axis=2).T
+    print("\n| place, mm | at 50 % | at 90 % | at 95 % |\n|---|---|---|---|")
+    for name, value, sets in (("found", off, again), ("expected", expected, expected)):
+        cells = []
+        for level in (50, 90, 95):
+            low, high = 1000 * np.percentile(np.percentile(sets, level, axis=1), [2.5, 97.5])
+            cells.append(f"{1000 * np.percentile(value, level):.1f} ({low:.1f} to {high:.1f})")
+        print(f"| {name} | " + " | ".join(cells) + " |")
+    for place in sorted(places, key=lambda one: -one.off_m):
+        if place.off_m > FAR_M:
+            sigma = np.sqrt(place.covariance.trace())
+            print(
+                f"{place.name}: {1000 * place.off_m:.1f} mm, {1000 * sigma:.1f} stated, {place.landmarks} landmarks"
+            )
 
 
 def _at_levels(errors: np.ndarray) -> str:

@@ -2,20 +2,21 @@
 
     uv run --extra benchmark python benchmarks/map_intervals.py
         [--seeds 20] [--first 1] [--seconds 32] [--hz 2.5] [--made quick] [--cameras 2] [--rig-off 0]
-        [--keep FOLDER]
+        [--no-odometry] [--errors 1] [--keep FOLDER]
     uv run --extra benchmark python benchmarks/map_intervals.py --drive ../shared/data/drive
 
 Every simulated recording is one round of a robot through a room with eight landmarks; the survey knows the landmark
 that was seen most.  ``--made``: ``corners`` (as the detector is measured to find them), ``quick`` images, or
 ``cameras`` (with the mosaic, noise, sharpening and JPEG of kinds that served no fit).  ``--rig-off`` turns the right
 camera of the rig file about each axis, standard deviation in degrees.  ``--drive``: the rendered recording.
+``--no-odometry``: by images alone.  ``--errors``: factor of the corners' errors, whose stated covariances stay.
 ``--keep``: recordings are read from that folder, and written to it where it lacks them.
 
 Errors of the landmarks of one map have much in common: all stand against one landmark.  So the mean of their NEES
 varies far more than that of as many independent ones: ``honest`` is its range, 2.5 to 97.5 %, by the map's own joint
 covariance.  ``joint`` is the NEES of all places together over their number, which has no such common part.
 ``swelling``: px by which corners stand too far out along width and height, as the survey finds them, and the median
-over all detections by the truth.
+over all detections by the truth.  ``size``: by how much the map is larger than the truth.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import pickle
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -76,6 +77,7 @@ class Errors:
         inside: share of landmarks' places in their 95 % ellipsoids.
         rms_mm: of the places.
         swelling, true_swelling: (2,) px, as the survey finds it, and by the truth.
+        size: of the map over the true one, less 1.
     """
 
     places: float
@@ -89,6 +91,7 @@ class Errors:
     landmarks: int
     swelling: FloatArray
     true_swelling: FloatArray
+    size: float
 
 
 def simulated(seed: int, seconds: float, hz: float, made: str, cameras: int) -> Drive:
@@ -145,14 +148,29 @@ def rendered(folder: Path) -> Drive:
     return Drive(frames, rig, motion, poses, mounted)
 
 
-def surveyed(drive: Drive, rig: AnyRig) -> Errors | None:
+def with_errors(drive: Drive, factor: float) -> Drive:
+    """The recording with so many times its corners' errors."""
+    frames = []
+    for frame, pose in zip(drive.frames, drive.poses, strict=True):
+        seen = []
+        cameras = zip(frame.seen, T_map_cameras(drive.rig, pose), mounted_cameras(drive.rig), strict=True)
+        for some, T_map_camera, camera in cameras:
+            mounted = [(one, drive.landmarks.find(one.id)) for one in some]
+            T = T_map_camera.inverse()
+            true = [(one, camera.model.project(T.apply(m.corners_map))) for one, m in mounted if m is not None]
+            seen.append(tuple(replace(one, corners=at + factor * (one.corners - at)) for one, at in true))
+        frames.append(replace(frame, seen=tuple(seen)))
+    return replace(drive, frames=frames)
+
+
+def surveyed(drive: Drive, rig: AnyRig, by_images: bool = False) -> Errors | None:
     """The survey that knows the landmark seen most; None where that placed fewer than two others."""
     seen = Counter(o.id for frame in drive.frames for o in frame.detections if drive.landmarks.find(o.id))
     anchor = drive.landmarks.find(seen.most_common(1)[0][0])
     assert anchor is not None
     sizes = {o.id: anchor.size_m for frame in drive.frames for o in frame.detections}
     anchors = {anchor.id: Anchor(anchor, None)}
-    solved = solve_recording(drive.frames, rig, sizes, anchors, drive.motion)
+    solved = solve_recording(drive.frames, rig, sizes, anchors, None if by_images else drive.motion)
     return judged(survey_of(solved, anchors), drive, {anchor.id}, solved.problem.swelling)
 
 
@@ -206,7 +224,16 @@ def judged(found: Survey, drive: Drive, known: set, swelling: FloatArray) -> Err
         len(rows),
         swelling,
         true_swelling(drive),
+        _size(found, drive),
     )
+
+
+def _size(found: Survey, drive: Drive) -> float:
+    """Factor by which the landmarks lie further apart than in truth, fitted to maps turned alike, less 1."""
+    both = [(m, drive.landmarks.find(m.id)) for m in found.bundle.landmarks]
+    places = np.array([(m.T_map_landmark.t, true.T_map_landmark.t) for m, true in both if true is not None])
+    mine, true = (places - places.mean(axis=0)).transpose(1, 0, 2)
+    return float(np.linalg.svd(mine.T @ true, compute_uv=False).sum() / (true**2).sum()) - 1
 
 
 def _between(found: Pose, true: Pose) -> FloatArray:
@@ -244,7 +271,8 @@ def summary(all_: Sequence[Errors]) -> str:
         f"{100 * tails:.0f} % below the 95 % limit; places inside 95 % ellipsoids {100 * inside:.0f} %; "
         f"rms {np.sqrt(np.mean([o.rms_mm**2 for o in all_])):.1f} mm; swelling along width {mean(found[:, 0], 3)} of "
         f"{mean(true[:, 0], 3)} px, along height {mean(found[:, 1], 3)} of {mean(true[:, 1], 3)} px, "
-        f"found less true rms {np.sqrt(((found - true) ** 2).mean()):.3f} px"
+        f"found less true rms {np.sqrt(((found - true) ** 2).mean()):.3f} px; "
+        f"size {mean(100 * np.array([o.size for o in all_]), 3)} %"
     )
 
 
@@ -270,6 +298,8 @@ def main() -> None:
     parser.add_argument("--made", choices=["corners", "quick", "cameras"], default="quick")
     parser.add_argument("--cameras", type=int, default=2)
     parser.add_argument("--rig-off", type=float, default=0.0)
+    parser.add_argument("--no-odometry", action="store_true")
+    parser.add_argument("--errors", type=float, default=1.0)
     parser.add_argument("--drive", type=Path)
     parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
@@ -279,16 +309,18 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|")
     if given.drive:
         drive = rendered(given.drive)
-        one = surveyed(drive, drive.rig)
+        one = surveyed(drive, drive.rig, given.no_odometry)
         assert one is not None
         print(line("rendered", one))
         return
     all_ = []
     for seed in range(given.first, given.first + given.seeds):
         drive = kept(given.keep, seed, given)
+        if given.errors != 1:
+            drive = with_errors(drive, given.errors)
         off = np.random.default_rng([seed, 22]).normal(0, given.rig_off, 3)
         rig = turned(drive.rig, off) if given.rig_off else drive.rig
-        if (errors := surveyed(drive, rig)) is not None:
+        if (errors := surveyed(drive, rig, given.no_odometry)) is not None:
             all_.append(errors)
             print(line(str(seed), errors), flush=True)
     print(summary(all_))

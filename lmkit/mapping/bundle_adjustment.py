@@ -107,7 +107,7 @@ class BundleProblem:
         seen: ObservationArrays | None = None,
     ) -> None:
         self.times = np.array([frame.time_s for frame in frames])
-        self.motion: Motion = motion or BoundedMotion()
+        self.motion: Motion = motion or BoundedMotion(self.times)
         self.landmarks_fixed = landmarks_fixed
         self.R, self.p = start.R.copy(), start.t.copy()
         self.mapped = list(landmarks)

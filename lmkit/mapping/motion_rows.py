@@ -110,12 +110,12 @@ def add_motions(equations: ChainEquations, motions: MotionRows, motion: Motion, 
     count = len(parameters)
     if not count:
         return motions.cost
-    own = slice(0, count)
-    equations.add_shared(np.arange(len(r)), before, np.tile(np.arange(count), (len(r), 1)), K, r)
+    own, flat = slice(0, count), K.reshape(-1, count)
+    equations.border[:-1, :, own] += before.transpose(0, 2, 1) @ K
     equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
     off = (motion.nominal - parameters) / motion.prior_sigma
-    equations.corner[own, own] += np.diag(motion.prior_sigma**-2)
-    equations.shared_gradient[own] += off / motion.prior_sigma
+    equations.corner[own, own] += flat.T @ flat + np.diag(motion.prior_sigma**-2)
+    equations.shared_gradient[own] += flat.T @ r.ravel() + off / motion.prior_sigma
     return motions.cost + float((off**2).sum())
 
 

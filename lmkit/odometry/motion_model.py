@@ -10,6 +10,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rotations import rotation_exp
 
 UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
 
@@ -21,6 +22,7 @@ LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is
 # A rig of which no odometry says how it moved.
 SPEED_MPS, SPEED_RADPS = 0.5, 0.7
 LEAST_STEP_M, LEAST_STEP_RAD = 0.02, 0.02
+LEAST_KNOT_S, MOST_KNOTS = 4.0, 16  # between knots of its velocity, and of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,32 +79,58 @@ class Motion(Protocol):
 
 
 class BoundedMotion:
-    """A `Motion` for a rig without odometry: it does not jump from one frame to the next."""
+    """A `Motion` for a rig without odometry: velocities that change slowly, and bounded departures from them.
 
-    names: tuple[str, ...] = ()
-    nominal, prior_sigma, of_base = np.zeros(0), np.zeros(0), False
+    The parameters are the velocity (m/s) and the turn rate (rad/s) along and about the base's axes at `knots_s`,
+    linear in between.  They are estimated: a rig at rest as the expected one would draw its poses together.
+
+    Args:
+        times_s: of the frames.
+    """
+
+    of_base = False
+
+    def __init__(self, times_s: FloatArray) -> None:
+        first_s, last_s = (times_s[0], times_s[-1]) if len(times_s) else (0.0, 0.0)
+        count = 1 + min(int((last_s - first_s) / LEAST_KNOT_S), MOST_KNOTS - 1)
+        self.knots_s = np.linspace(first_s, last_s, count)
+        self.nominal = np.zeros(6 * count)
+        self.prior_sigma = np.tile(np.repeat([SPEED_MPS, SPEED_RADPS], 3), count)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Speeds along the axes and turn rates about them, knot by knot."""
+        of_one = [f"{name}_{axis}" for name in ("speed", "turn_rate") for axis in "xyz"]
+        return tuple(f"{name}_{k}" for k in range(len(self.knots_s)) for name in of_one)
 
     def require_overlap(self, times_s: FloatArray) -> None:
         """Any time will do."""
 
     def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
-        """No motion, give or take what a slow robot travels."""
+        """The motion at those velocities, give or take what a slow robot travels; derivatives for small turns."""
         seconds = np.diff(times_s)
-        count = len(seconds)
         place, turn = np.hypot(LEAST_STEP_M, SPEED_MPS * seconds), np.hypot(LEAST_STEP_RAD, SPEED_RADPS * seconds)
+        R, t = self.between(times_s[:-1], times_s[1:], parameters)
         return Steps(
-            np.repeat(np.eye(3)[None], count, axis=0),
-            np.zeros((count, 3)),
-            np.zeros((count, 6, 0)),
+            R,
+            t,
+            np.kron(self._weights(times_s[:-1], times_s[1:])[:, None], np.eye(6)),
             np.repeat(np.column_stack([place, turn]), 3, axis=1),
-            np.ones(count, dtype=bool),
+            np.ones(len(seconds), dtype=bool),
         )
 
     def between(
         self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """No motion."""
-        return np.repeat(np.eye(3)[None], len(before_s), axis=0), np.zeros((len(before_s), 3))
+        """The motion at those velocities."""
+        moved = self._weights(before_s, after_s) @ parameters.reshape(-1, 6)
+        return rotation_exp(moved[:, 3:]), moved[:, :3]
+
+    def _weights(self, before_s: FloatArray, after_s: FloatArray) -> FloatArray:
+        """(K,knots) seconds for which each knot's velocity counts."""
+        middle = (before_s + after_s) / 2
+        shares = np.array([np.interp(middle, self.knots_s, one) for one in np.eye(len(self.knots_s))])
+        return np.asarray((after_s - before_s)[:, None] * shares.T)
 
 
 def determined_by_poses(before: FloatArray, after: FloatArray, states: FloatArray, across: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """The map from simulated recordings: exact corners, noisy ones, and what goes wrong in rooms."""
 
+from collections import Counter
 from dataclasses import replace
 from itertools import combinations, pairwise
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
+from lmkit.geometry.rig import T_map_cameras, mounted_cameras
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
@@ -21,6 +23,7 @@ from lmkit.model.recording import RigFrame
 from lmkit.odometry.wheel_odometry import MotionModel
 from lmkit.simulation.observations import look
 from lmkit.simulation.recording import WheelErrors, make_drive
+from lmkit.simulation.robot_course import RobotCourse
 from lmkit.tracking.online import track_images_live
 
 
@@ -292,3 +295,24 @@ def test_what_one_landmark_joins_is_named():
     assert (hinge.id.code, hinge.frames, hinge.from_s, hinge.to_s) == (42, 10, 0.0, 4.5)
     assert "by lm8:42 alone" in str(hinge)
     assert hinges_of(bundle(2)) == []
+
+
+def test_without_odometry_the_assumed_motion_does_not_draw_the_map_together():
+    course = RobotCourse(3601, 33.0, 8)
+    assert course.rig.T_base_left is not None
+    frames = []
+    for time_s in np.arange(1.0, 33.0, 0.5).tolist():
+        T = course.T_map_base(time_s)
+        cameras = zip(mounted_cameras(course.rig), T_map_cameras(course.rig, T @ course.rig.T_base_left), strict=True)
+        exact = [(camera.model, at.inverse()) for camera, at in cameras]
+        seen = tuple(
+            tuple(replace(o, corners=model.project(at.apply(course.landmarks.find(o.id).corners_map))) for o in some)
+            for some, (model, at) in zip(course.corners(T), exact, strict=True)
+        )
+        frames.append(RigFrame(time_s, seen, ""))
+    known = Counter(o.id for frame in frames for o in frame.detections).most_common(1)[0][0]
+    sizes = {m.id: m.size_m for m in course.landmarks}
+    found = survey_frames(frames, course.rig, sizes, {known: Anchor(course.landmarks.find(known), None)})
+    places = np.array([(m.T_map_landmark.t, course.landmarks.find(m.id).T_map_landmark.t) for m in found.landmarks])
+    mine, true = (places - places.mean(axis=0)).transpose(1, 0, 2)
+    assert (mine * true).sum() / (true**2).sum() == pytest.approx(1, abs=5e-4)
