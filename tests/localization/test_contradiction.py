@@ -111,7 +111,7 @@ def test_apriltags_corner_order_is_refused_by_name(drive):
 
 
 def test_a_map_of_which_nothing_is_seen_is_refused_by_name(drive):
-    others = LandmarkMap([replace(m, id=LandmarkId("lm12", m.id.code)) for m in drive.landmarks])
+    others = LandmarkMap([replace(m, id=LandmarkId("lm12", code)) for code, m in enumerate(drive.landmarks)])
     with pytest.raises(InputError, match="none of the") as raised:
         track(Recording(tuple(drive.frames)), drive.rig, others)
     assert raised.value.code == "no_landmarks"
