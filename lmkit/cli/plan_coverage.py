@@ -34,7 +34,7 @@ def run(
 ) -> None:
     """Predict the pose error at every place. Places that fail the requirement are listed."""
     from lmkit.cli.parsing import parse_demand, parse_meters
-    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig
+    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig, warn_of_landmarks_off
     from lmkit.planning.coverage import coverage_dict, coverage_lines, failing_places, predict_coverage
     from lmkit.reports.planning import draw_coverage
 
@@ -43,6 +43,7 @@ def run(
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
     ground = read_ground(floor, drawing)
+    warn_of_landmarks_off(ground, landmarks, floor, landmark_map)
     answer = predict_coverage(ground, list(landmarks), cameras, radius_m)
     failing = failing_places(answer, demand)
     write_outputs({plan: draw_coverage(ground, landmarks, answer, demand, image_kind(plan))}, force)

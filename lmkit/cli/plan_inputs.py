@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from lmkit.cli.option_groups import DrawnFloorOptions
     from lmkit.geometry.rig import AnyRig
     from lmkit.model.floor_plan import FloorPlan
+    from lmkit.model.landmark_map import LandmarkMap
 
 SMALL_FLOOR_M2 = 2.0  # of a robot's floor; a smaller one has the wrong scale, such as millimeters for meters
 
@@ -74,3 +75,16 @@ def read_room(room: str | None, floor: Path | None, options: DrawnFloorOptions) 
         width_mm, depth_mm = parse_size_mm(room, "--room")
         return rectangular_room(width_mm / 1000, depth_mm / 1000)
     return None if floor is None else read_ground(floor, options)
+
+
+def warn_of_landmarks_off(ground: FloorPlan, landmarks: LandmarkMap, floor: Path, landmark_map: Path) -> None:
+    """Warn of landmarks that no place of the floor sees, such as those of a map of another building."""
+    from lmkit.cli.output import warn
+    from lmkit.model.landmark_id import ids_text
+    from lmkit.model.map_checks import landmarks_off
+
+    if off := landmarks_off(ground, landmarks):
+        share = f"{len(off)} of {len(landmarks)} landmarks"
+        where = f"face a wall or are outside of the rooms of {floor}, and count nowhere"
+        remedy = "check that map and floor plan have the same origin and scale"
+        warn(f"{landmark_map}: {share} {where} ({ids_text(off)}); {remedy}")

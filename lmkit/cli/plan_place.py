@@ -61,7 +61,7 @@ def run(
 ) -> None:
     """Place as few landmarks as possible. Writes map, prints, mounting list and drawings."""
     from lmkit.cli.parsing import parse_demand, parse_meters
-    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig
+    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig, warn_of_landmarks_off
     from lmkit.model.families import family_named
     from lmkit.model.landmark_map import LandmarkMap
     from lmkit.pipelines.prints import PAPERS
@@ -88,6 +88,8 @@ def run(
     cameras = read_mounted_rig(rig, camera_height)
     mounted = LandmarkMap([]) if landmark_map is None else read_mounted_map(landmark_map)
     ground = read_ground(floor, drawing)
+    if landmark_map is not None:
+        warn_of_landmarks_off(ground, mounted, floor, landmark_map)
     with ProgressBars() as bars:
 
         def on_step(_: int, covered: float) -> None:

@@ -42,7 +42,7 @@ def run(
 ) -> None:
     """Plan the shortest safe route on which the pose stays known."""
     from lmkit.cli.parsing import parse_demand, parse_meters
-    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig
+    from lmkit.cli.plan_inputs import read_ground, read_mounted_rig, warn_of_landmarks_off
     from lmkit.io.trajectory import poses_to_tum
     from lmkit.planning.route import (
         find_goal,
@@ -59,6 +59,7 @@ def run(
     cameras = read_mounted_rig(rig, camera_height)
     landmarks = read_map_file(landmark_map, marker_family, marker_size)
     ground = read_ground(floor, drawing)
+    warn_of_landmarks_off(ground, landmarks, floor, landmark_map)
     ends = [find_goal(text, ground, landmarks, radius_m) for text in (start, goal)]
     found = plan_route(ground, landmarks, cameras, radius_m, ends[0], ends[1], demand)
     write_outputs({csv: route_csv(found), tum: poses_to_tum(route_poses(found))}, force)

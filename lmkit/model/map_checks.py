@@ -9,7 +9,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.model.floor_plan import FloorPlan
-from lmkit.model.landmark_id import ids_text
+from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 
 HIGHEST_M = 10.0
@@ -31,22 +31,22 @@ def check_map(landmarks: LandmarkMap, floor: FloorPlan | None = None) -> list[st
         (f"larger than {LARGEST_M:g} m: is the size in meters?", lambda m: m.size_m > LARGEST_M),
         ("not upright: its upper edge is rotated on the wall, or it lies flat", lambda m: not _is_upright(m)),
     ]
-    if floor is not None:
-        ground = floor
-        kinds.append(
-            (
-                "faces a wall or is outside of the rooms: check the position, and facing_deg by 180",
-                lambda m: not _looks_into(m, ground),
-            )
-        )
     warnings = []
     for words, is_so in kinds:
         if found := [m.id for m in landmarks if is_so(m)]:
             warnings.append(f"{ids_text(found)}: {words}")
+    if floor is not None and (found := landmarks_off(floor, landmarks)):
+        words = "faces a wall or is outside of the rooms: check the position, and facing_deg by 180"
+        warnings.append(f"{ids_text(found)}: {words}")
     for one, other in combinations(landmarks, 2):
         if _overlap(one, other):
             warnings.append(f"{ids_text([one.id, other.id])}: overlap on the wall; one of them is measured wrong")
     return warnings
+
+
+def landmarks_off(floor: FloorPlan, landmarks: LandmarkMap) -> list[LandmarkId]:
+    """Ids of landmarks that no place of the floor sees: they face a wall, or are outside of the rooms."""
+    return [m.id for m in landmarks if not _looks_into(m, floor)]
 
 
 def _is_upright(landmark: MappedLandmark) -> bool:

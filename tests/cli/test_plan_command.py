@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 import typer
@@ -11,6 +12,7 @@ from floors import RIG, mounted_every, two_rooms
 from lmkit.cli.app import build_app
 from lmkit.io.landmark_map import map_to_yaml, read_map
 from lmkit.io.rig import rig_to_yaml
+from lmkit.model.landmark_map import LandmarkMap
 
 DRAWING = {"scale", "islands", "thin_lines", "curves", "layers"}
 EASY = ("--in-view", "1", "--headings", "20", "--share", "70")
@@ -90,6 +92,18 @@ def test_coverage_prints_uncertain_places_and_draws(lmkit, files, tmp_path):
     assert 0 < answer["share"] <= 1
     assert all(len(place["position"]) == 2 for place in answer["failing"])
     assert (tmp_path / "heat.svg").read_text().startswith("<svg")
+
+
+def test_landmarks_of_another_place_are_named(lmkit, files, tmp_path):
+    """None of them counts, which the predicted errors alone would not explain."""
+    there = read_map(tmp_path / "map.yaml")
+    moved = [replace(m, T_map_landmark=replace(m.T_map_landmark, t=m.T_map_landmark.t + 40)) for m in there]
+    (tmp_path / "far.yaml").write_text(map_to_yaml(LandmarkMap(moved)))
+    here, far = (
+        lmkit("plan", "coverage", *files, "--map", name, "-o", f"{name}.png") for name in ("map.yaml", "far.yaml")
+    )
+    assert "count nowhere" not in here.err
+    assert f"{len(there)} of {len(there)} landmarks face a wall or are outside of the rooms of floor.yaml" in far.err
 
 
 def test_route_goes_from_sign_to_place(lmkit, files, tmp_path):
