@@ -135,7 +135,8 @@ def main() -> None:
         f"{error.rotation_deg.median:.2f} deg median, {error.pairs} poses"
     )
     for result in results:
-        print("odometry:", result.bundle.parameters.round(4), "jumps:", len(result.bundle.jumps))
+        odometry = {name: round(value, 4) for name, value in result.odometry.items()}
+        print("odometry:", odometry, "jumps:", len(result.bundle.jumps))
         print("contradicted:", result.contradicted, "unplaced:", result.unplaced)
 
 

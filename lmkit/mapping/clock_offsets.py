@@ -264,8 +264,9 @@ def _step(problem: BundleProblem, cameras: IntArray, offsets: FloatArray) -> tup
     columns = slice(shared, None)
     wide.border[:-1, :, columns] += rows.before.transpose(0, 2, 1) @ K
     wide.border[1:, :, columns] += rows.after.transpose(0, 2, 1) @ K
-    across = np.einsum("nrp,nrk->pk", rows.by_parameters, K)
     odometry = slice(0, len(problem.parameters))
+    across = np.zeros((len(problem.parameters), len(offsets)))
+    np.add.at(across, rows.parameters, np.einsum("nrp,nrk->npk", rows.by_parameters, K))
     wide.corner[odometry, columns], wide.corner[columns, odometry] = across, across.T
     wide.corner[columns, columns] = np.einsum("nrj,nrk->jk", K, K) + PRIOR_S**-2 * np.eye(len(offsets))
     wide.shared_gradient[columns] = np.einsum("nrk,nr->k", K, rows.residuals) - offsets / PRIOR_S**2

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.rotations import rotation_log, skew
 from lmkit.odometry.motion_model import Motion, Steps
 from lmkit.optim.block_chain import ChainEquations
@@ -28,13 +28,15 @@ class StandardMotions:
     Attributes:
         before, after: (N-1,6,6) derivatives with the earlier and the later pose.
         residuals: (N-1,6).
-        by_parameters: (N-1,6,P) derivatives with the odometry's errors.
+        parameters: (N-1,c) numbers of the odometry's errors that each motion depends on.
+        by_parameters: (N-1,6,c) derivatives with those.
         sigmas: (N-1,6) m and rad.
     """
 
     before: FloatArray
     after: FloatArray
     residuals: FloatArray
+    parameters: IntArray
     by_parameters: FloatArray
     sigmas: FloatArray
 
@@ -46,7 +48,8 @@ class MotionRows:
     Attributes:
         before, after: (N-1,6,6) derivatives with the earlier and the later pose.
         residuals: (N-1,6).
-        by_parameters: (N-1,6,P) derivatives with the odometry's errors.
+        parameters: (N-1,c) numbers of the odometry's errors that each motion depends on.
+        by_parameters: (N-1,6,c) derivatives with those.
         root_weights: (N-1,) roots of the robust weights.
         cost: of all.
     """
@@ -54,6 +57,7 @@ class MotionRows:
     before: FloatArray
     after: FloatArray
     residuals: FloatArray
+    parameters: IntArray
     by_parameters: FloatArray
     root_weights: FloatArray
     cost: float
@@ -84,7 +88,8 @@ def standard_motions(
     forward = R_b[1:].transpose(0, 2, 1)
     before[:, 3:, 3:], after[:, 3:, 3:] = -forward, forward
     by_sigma = 1 / sigmas[..., None]
-    return StandardMotions(before * by_sigma, after * by_sigma, r / sigmas, -steps.by_parameters * by_sigma, sigmas)
+    by_parameters = -steps.by_parameters * by_sigma
+    return StandardMotions(before * by_sigma, after * by_sigma, r / sigmas, steps.parameters, by_parameters, sigmas)
 
 
 def weighed(motions: StandardMotions, slip_sigma: float) -> MotionRows:
@@ -95,7 +100,7 @@ def weighed(motions: StandardMotions, slip_sigma: float) -> MotionRows:
         values * root[:, None, None] for values in (motions.before, motions.after, motions.by_parameters)
     )
     cost = float(6 * cauchy_cost(squared, slip_sigma).sum())
-    return MotionRows(before, after, motions.residuals * root[:, None], K, root, cost)
+    return MotionRows(before, after, motions.residuals * root[:, None], motions.parameters, K, root, cost)
 
 
 def add_motions(equations: ChainEquations, motions: MotionRows, motion: Motion, parameters: FloatArray) -> float:
@@ -110,12 +115,12 @@ def add_motions(equations: ChainEquations, motions: MotionRows, motion: Motion, 
     count = len(parameters)
     if not count:
         return motions.cost
-    own, flat = slice(0, count), K.reshape(-1, count)
-    equations.border[:-1, :, own] += before.transpose(0, 2, 1) @ K
-    equations.border[1:, :, own] += after.transpose(0, 2, 1) @ K
+    own, earlier = slice(0, count), np.arange(len(r))
+    equations.add_shared(earlier, before, motions.parameters, K, r)
+    equations.add_across(earlier + 1, after, motions.parameters, K)
     off = (motion.nominal - parameters) / motion.prior_sigma
-    equations.corner[own, own] += flat.T @ flat + np.diag(motion.prior_sigma**-2)
-    equations.shared_gradient[own] += flat.T @ r.ravel() + off / motion.prior_sigma
+    equations.corner[own, own] += np.diag(motion.prior_sigma**-2)
+    equations.shared_gradient[own] += off / motion.prior_sigma
     return motions.cost + float((off**2).sum())
 
 

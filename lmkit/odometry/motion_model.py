@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lmkit.arrays import BoolArray, FloatArray
+from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp
@@ -22,7 +22,7 @@ LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is
 # A rig of which no odometry says how it moved.
 SPEED_MPS, SPEED_RADPS = 0.5, 0.7
 LEAST_STEP_M, LEAST_STEP_RAD = 0.02, 0.02
-LEAST_KNOT_S, MOST_KNOTS = 4.0, 16  # between knots of its velocity, and of them
+LEAST_KNOT_S, MOST_KNOTS = 4.0, 32  # between knots of its velocity, and of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +31,15 @@ class Steps:
 
     Attributes:
         R, t: (K-1,3,3), (K-1,3) meters.
-        by_parameters: (K-1,6,P) derivatives of the way and of the turn, a rotation vector in the later frame.
+        parameters: (K-1,c) numbers of those of the P parameters that each motion depends on.
+        by_parameters: (K-1,6,c) derivatives of the way and of the turn, a rotation vector in the later frame.
         sigmas: (K-1,6) standard deviations.
         known: (K-1,) False where there is a gap.
     """
 
     R: FloatArray
     t: FloatArray
+    parameters: IntArray
     by_parameters: FloatArray
     sigmas: FloatArray
     known: BoolArray
@@ -111,10 +113,12 @@ class BoundedMotion:
         seconds = np.diff(times_s)
         place, turn = np.hypot(LEAST_STEP_M, SPEED_MPS * seconds), np.hypot(LEAST_STEP_RAD, SPEED_RADPS * seconds)
         R, t = self.between(times_s[:-1], times_s[1:], parameters)
+        knots, weights = self._weights(times_s[:-1], times_s[1:])
         return Steps(
             R,
             t,
-            np.kron(self._weights(times_s[:-1], times_s[1:])[:, None], np.eye(6)),
+            (6 * knots[..., None] + np.arange(6)).reshape(-1, 12),
+            (weights[:, None, :, None] * np.eye(6)[:, None]).reshape(-1, 6, 12),
             np.repeat(np.column_stack([place, turn]), 3, axis=1),
             np.ones(len(seconds), dtype=bool),
         )
@@ -123,14 +127,17 @@ class BoundedMotion:
         self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The motion at those velocities."""
-        moved = self._weights(before_s, after_s) @ parameters.reshape(-1, 6)
+        knots, weights = self._weights(before_s, after_s)
+        moved = (weights[..., None] * parameters.reshape(-1, 6)[knots]).sum(axis=1)
         return rotation_exp(moved[:, 3:]), moved[:, :3]
 
-    def _weights(self, before_s: FloatArray, after_s: FloatArray) -> FloatArray:
-        """(K,knots) seconds for which each knot's velocity counts."""
-        middle = (before_s + after_s) / 2
-        shares = np.array([np.interp(middle, self.knots_s, one) for one in np.eye(len(self.knots_s))])
-        return np.asarray((after_s - before_s)[:, None] * shares.T)
+    def _weights(self, before_s: FloatArray, after_s: FloatArray) -> tuple[IntArray, FloatArray]:
+        """(K,2) the knots around each motion's middle, and seconds for which the velocity of each counts."""
+        last = len(self.knots_s) - 1
+        at = np.interp((before_s + after_s) / 2, self.knots_s, np.arange(last + 1.0))
+        first = at.astype(np.int64)
+        shares = np.column_stack([1 - (at - first), at - first])
+        return np.column_stack([first, np.minimum(first + 1, last)]), (after_s - before_s)[:, None] * shares
 
 
 def determined_by_poses(before: FloatArray, after: FloatArray, states: FloatArray, across: FloatArray) -> FloatArray:

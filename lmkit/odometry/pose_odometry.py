@@ -100,6 +100,7 @@ class PoseMotion:
         return Steps(
             R,
             scale * t,
+            np.tile(np.arange(2), (len(t), 1)),
             by_parameters,
             self.sigmas(own),
             self._gaps(own) < LONGEST_STEP_S,

@@ -125,6 +125,7 @@ class MotionModel:
         return Steps(
             rotation_exp(np.column_stack([zero, zero, turn])),
             np.column_stack([forward, left, zero]),
+            np.tile(np.arange(len(PARAMETERS)), (len(turn), 1)),
             by_parameters,
             np.column_stack([s[:, 0], s[:, 1], lift, lean, lean, s[:, 2]]),
             increments.known,

@@ -98,12 +98,16 @@ class ChainEquations:
     def add_shared(self, states: IntArray, J: FloatArray, columns: IntArray, K: FloatArray, r: FloatArray) -> None:
         """Add the derivatives K (M,k,c) of residuals with shared unknowns ``columns`` (M,c), which no block has."""
         Kt = K.transpose(0, 2, 1)
-        _, size, wide = self.border.shape
         shared = len(self.corner)
-        rows = size * states[:, None, None] + np.arange(size)[:, None]
-        _add_at(self.border, rows * wide + columns[:, None], J.transpose(0, 2, 1) @ K)
+        self.add_across(states, J, columns, K)
         _add_at(self.corner, columns[:, :, None] * shared + columns[:, None], Kt @ K)
         _add_at(self.shared_gradient, columns, (Kt @ r[..., None])[..., 0])
+
+    def add_across(self, states: IntArray, J: FloatArray, columns: IntArray, K: FloatArray) -> None:
+        """Add to the border alone, for residuals of two states of which `add_shared` has seen the other."""
+        _, size, wide = self.border.shape
+        rows = size * states[:, None, None] + np.arange(size)[:, None]
+        _add_at(self.border, rows * wide + columns[:, None], J.transpose(0, 2, 1) @ K)
 
     def solve(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Steps (N,d) of the states and (m,) of the shared unknowns.
@@ -164,10 +168,10 @@ class ChainEquations:
     def columns_of(self, start: int, end: int) -> tuple[IntArray, int]:
         """Shared unknowns (c,) that states ``start`` to ``end`` touch, and how many of those are not in blocks."""
         _, size, wide = self.border.shape
+        columns = used_columns(self.border[start:end].reshape(size * (end - start), wide))
         if self.blocks is None:
-            columns = used_columns(self.border[start:end].reshape(size * (end - start), wide))
             return columns, len(columns)
-        return self.blocks.pattern.columns_of(start, end)[0], wide
+        return np.concatenate([columns, self.blocks.pattern.columns_of(start, end)[0]]), len(columns)
 
     def put_border(self, start: int, end: int, columns: IntArray, into: FloatArray) -> None:
         """Write the border of some states into the columns (n d,c) that they touch, which are zero.

@@ -46,14 +46,11 @@ class BlockPattern:
         return slice(int(self._starts[start]), int(self._starts[end]))
 
     def columns_of(self, start: int, end: int) -> tuple[IntArray, IntArray]:
-        """Unknowns (c,) that states ``start`` to ``end`` touch, and the place of each block's group among the groups.
-
-        Unknowns before the first group are touched by all.
-        """
+        """Unknowns (c,) of the groups that states ``start`` to ``end`` touch, and each block's place among those."""
         if (start, end) not in self._columns:
             groups, place = np.unique(self.groups[self.blocks_of(start, end)], return_inverse=True)
             columns = self.first + (self.size * groups[:, None] + np.arange(self.size)).ravel()
-            self._columns[start, end] = np.concatenate([np.arange(self.first), columns]), place.ravel()
+            self._columns[start, end] = columns, place.ravel()
         return self._columns[start, end]
 
 

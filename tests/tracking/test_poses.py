@@ -9,6 +9,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.survey import survey_frames
 from lmkit.model.trajectory import Trajectory
+from lmkit.odometry.motion_model import BoundedMotion
 from lmkit.odometry.pose_odometry import PoseMotion
 from lmkit.simulation.recording import make_drive
 from lmkit.tracking.batch import track_images
@@ -34,14 +35,26 @@ def test_motions_lead_from_pose_to_pose():
     assert steps.known.all()
 
 
-def test_derivatives_are_those_of_the_motions():
-    motion, times, at = PoseMotion(winding()), np.array([0.5, 0.9, 2.2, 3.1]), np.array([1.02, 0.01])
+SLOW = 2e-4 * np.sin(np.arange(4 * 6))  # m/s and rad/s at four knots, turns so small that they add up
+
+
+@pytest.mark.parametrize(
+    ("motion", "at"),
+    [(PoseMotion(winding()), np.array([1.02, 0.01])), (BoundedMotion(np.array([0.0, 13.0])), SLOW)],
+    ids=["poses", "velocities"],
+)
+def test_derivatives_are_those_of_the_motions(motion, at):
+    times = np.array([0.5, 0.9, 2.2, 3.1]) * (1 if len(at) == 2 else 4)
     steps = motion.steps(times, at)
-    for k, step in enumerate((1e-6, 1e-6)):
-        moved = motion.steps(times, at + step * np.eye(2)[k])
-        turned = Rotation.from_matrix(steps.R.transpose(0, 2, 1) @ moved.R).as_rotvec() / step
-        assert steps.by_parameters[:, :3, k] == pytest.approx((moved.t - steps.t) / step, rel=0.02, abs=2e-3)
-        assert steps.by_parameters[:, 3:, k] == pytest.approx(turned, rel=0.02, abs=2e-3)
+    derivatives = np.zeros((len(steps.t), len(at), 6))
+    np.add.at(
+        derivatives, (np.arange(len(steps.t))[:, None], steps.parameters), steps.by_parameters.transpose(0, 2, 1)
+    )
+    for k, by_parameter in enumerate(derivatives.transpose(1, 0, 2)):
+        moved = motion.steps(times, at + 1e-6 * np.eye(len(at))[k])
+        turned = Rotation.from_matrix(steps.R.transpose(0, 2, 1) @ moved.R).as_rotvec() / 1e-6
+        assert by_parameter[:, :3] == pytest.approx((moved.t - steps.t) / 1e-6, rel=0.02, abs=2e-3)
+        assert by_parameter[:, 3:] == pytest.approx(turned, rel=0.02, abs=5e-3)
 
 
 def test_beyond_its_ends_odometry_says_nothing():
