@@ -36,6 +36,7 @@ MOST_LOCATED = 80
 # within this share of what any two frames share. Frames further apart than this have little in common anyway.
 LEAST_ORDERED, IN_ORDER, MOSTLY_ALIKE, ORDERED_S = 20, 0.25, 0.7, 2.5
 FLOORS_APART_M, LEAST_ON_FLOOR = 1.5, 3
+LEAST_LANDMARKS = 2  # on a floor; poses by a single one are at another height where its own is wrong in the map
 
 
 def require_plausible_recording(
@@ -84,8 +85,8 @@ def require_plausible_recording(
     if recording.gyro is not None:
         require_plausible_gyro(recording.gyro, odometry)
     if landmarks is not None:
-        times_s, states, heights_m = _located(recording, rig, landmarks)
-        _require_one_floor(times_s, heights_m)
+        times_s, states, heights_m, seen = _located(recording, rig, landmarks)
+        _require_one_floor(times_s, heights_m, seen)
         require_agreement(odometry, times_s, states)
 
 
@@ -128,8 +129,11 @@ def _alike(ids: Sequence[frozenset[LandmarkId]]) -> float:
     return float(np.mean([len(a & b) / len(a | b) for a, b in pairwise(ids)]))
 
 
-def _require_one_floor(times_s: FloatArray, heights_m: FloatArray) -> None:
+def _require_one_floor(times_s: FloatArray, heights_m: FloatArray, seen: Sequence[frozenset[LandmarkId]]) -> None:
     """Refuse a robot on wheels that is on two floors, by landmarks alone.
+
+    Args:
+        seen: landmarks of each pose.
 
     Raises:
         InputError: ``two_floors``, with the heights and when it is there.
@@ -142,6 +146,8 @@ def _require_one_floor(times_s: FloatArray, heights_m: FloatArray) -> None:
     parts = sorted((order[:cut], order[cut:]), key=lambda rows: float(np.median(times_s[rows])))
     if min(map(len, parts)) < LEAST_ON_FLOOR:
         return
+    if min(len(frozenset().union(*(seen[row] for row in rows))) for rows in parts) < LEAST_LANDMARKS:
+        return
     where = " and ".join(
         f"{np.median(heights_m[rows]):.1f} m high from {times_s[rows].min():.1f} to {times_s[rows].max():.1f} s"
         for rows in parts
@@ -152,9 +158,9 @@ def _require_one_floor(times_s: FloatArray, heights_m: FloatArray) -> None:
 
 def _located(
     recording: Recording, rig: AnyRig | None, landmarks: LandmarkMap
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(K,), (K,3), (K,) times, planar poses and heights of the robot by landmarks alone."""
-    rows = []
+) -> tuple[FloatArray, FloatArray, FloatArray, list[frozenset[LandmarkId]]]:
+    """(K,), (K,3), (K,) times, planar poses and heights of the robot by landmarks alone, and those of each."""
+    rows, seen, known = [], [], frozenset(m.id for m in landmarks)
     if rig is not None and rig.T_base_left is not None:
         frames, T_left_base = recording.frames, rig.T_base_left.inverse()
         for frame in frames[:: 1 + len(frames) // MOST_LOCATED]:
@@ -162,13 +168,15 @@ def _located(
             if found.status == PoseStatus.OK and found.T_map_camera is not None:
                 T_map_base = found.T_map_camera @ T_left_base
                 rows.append((frame.time_s, *planar_state(T_map_base), float(T_map_base.t[2])))
-    for time_s, seen in recording.readings:
-        planar = locate_planar(seen, landmarks)
+                seen.append(known & {o.id for o in frame.detections})
+    for time_s, readings in recording.readings:
+        planar = locate_planar(readings, landmarks)
         pose = planar.pose
         if planar.status == PoseStatus.OK and pose is not None and pose.heading_rad is not None:
             rows.append((time_s, pose.x_m, pose.y_m, pose.heading_rad, 0.0))
+            seen.append(known & {reading.id for reading in readings})
     table = np.array(rows, dtype=np.float64).reshape(-1, 5)
-    return table[:, 0], table[:, 1:4], table[:, 4]
+    return table[:, 0], table[:, 1:4], table[:, 4], seen
 
 
 def odometry_doubt(odometry: Odometry, times_s: FloatArray, states: FloatArray) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -151,6 +152,19 @@ def test_two_floors_in_one_recording_are_named(drive, live):
     with pytest.raises(InputError, match=r"0.0 m high from 0.4 to .* s and 3.2 m high from .* s: two floors"):
         track(recording, drive.rig, both, live=live)
     assert len(track(replace(recording, odometry=None), drive.rig, both)) == len(frames) or live
+
+
+def test_few_poses_at_another_height_are_no_floor(drive):
+    """A landmark whose height in the map is wrong gives some where it is seen alone."""
+    id_ = Counter(o.id for frame in drive.frames for o in frame.detections).most_common(1)[0][0]
+    m = drive.landmarks.find(id_)
+    high = replace(m, T_map_landmark=replace(m.T_map_landmark, t=m.T_map_landmark.t + np.array([0.0, 0.0, 2.5])))
+    landmarks = LandmarkMap([*(other for other in drive.landmarks if other.id != id_), high])
+    frames = list(drive.frames)
+    with_it = [k for k, frame in enumerate(frames) if all(any(o.id == id_ for o in some) for some in frame.seen)]
+    for k in with_it[::3]:
+        frames[k] = replace(frames[k], seen=tuple(tuple(o for o in some if o.id == id_) for some in frames[k].seen))
+    track(Recording(tuple(frames), odometry=drive.odometry), drive.rig, landmarks)
 
 
 def test_a_recording_of_one_frame_is_named(drive):
