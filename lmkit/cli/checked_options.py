@@ -127,7 +127,7 @@ def _check_suffix(command: str, option: str, value: object) -> None:
     if not isinstance(value, str) or allowed is None:
         return
     suffix, hint = Path(value).suffix.lower(), f"use a name ending in {' or '.join(allowed)}"
-    if option == "--plan" and suffix not in allowed:
+    if option == "--plan" and suffix not in allowed:  # the suffix alone says the kind of image
         raise InputError("bad_suffix", f"cannot write {value}: unknown file type", hint)
     if suffix in KNOWN - set(allowed):
         raise InputError("bad_suffix", f"{option} {value} is named as another kind of file", hint)

@@ -132,7 +132,7 @@ Jobs = Annotated[
         metavar="N",
         callback=_bound_processes,
         envvar="LMKIT_JOBS",
-        help="Largest number of worker processes. Default: one per CPU core.",
+        help="Largest number of workers. Default: one per CPU core.",
     ),
 ]
 MeasuredPattern = Annotated[
