@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -85,9 +86,10 @@ def require_plausible_recording(
     if recording.gyro is not None:
         require_plausible_gyro(recording.gyro, odometry)
     if landmarks is not None:
-        times_s, states, heights_m, seen = _located(recording, rig, landmarks)
-        _require_one_floor(times_s, heights_m, seen)
-        require_agreement(odometry, times_s, states)
+        poses = _located(recording, rig, landmarks)
+        _require_one_floor(poses)
+        states = np.array([pose.state for pose in poses]).reshape(-1, 3)
+        require_agreement(odometry, np.array([pose.time_s for pose in poses]), states)
 
 
 def _require_plausible_readings(recording: Recording) -> None:
@@ -129,54 +131,66 @@ def _alike(ids: Sequence[frozenset[LandmarkId]]) -> float:
     return float(np.mean([len(a & b) / len(a | b) for a, b in pairwise(ids)]))
 
 
-def _require_one_floor(times_s: FloatArray, heights_m: FloatArray, seen: Sequence[frozenset[LandmarkId]]) -> None:
-    """Refuse a robot on wheels that is on two floors, by landmarks alone.
+@dataclass(frozen=True)
+class _LocatedPose:
+    """The robot by landmarks alone.
 
-    Args:
-        seen: landmarks of each pose.
-
-    Raises:
-        InputError: ``two_floors``, with the heights and when it is there.
+    Attributes:
+        state: x, y (m) and heading (rad).
+        height_m: 0 where readings tell nothing of it.
+        landmarks: of the map, that were seen.
     """
-    order = np.argsort(heights_m)
-    steps = np.diff(heights_m[order])
-    if len(steps) == 0 or steps.max() < FLOORS_APART_M:
-        return
-    cut = int(steps.argmax()) + 1
-    parts = sorted((order[:cut], order[cut:]), key=lambda rows: float(np.median(times_s[rows])))
-    if min(map(len, parts)) < LEAST_ON_FLOOR:
-        return
-    if min(len(frozenset().union(*(seen[row] for row in rows))) for rows in parts) < LEAST_LANDMARKS:
-        return
-    where = " and ".join(
-        f"{np.median(heights_m[rows]):.1f} m high from {times_s[rows].min():.1f} to {times_s[rows].max():.1f} s"
-        for rows in parts
-    )
-    hint = "cut the recording where it changes floors; wheel odometry knows one floor, poses (TUM) several"
-    raise InputError("two_floors", f"the landmarks show the robot {where}: two floors in one recording", hint)
+
+    time_s: float
+    state: tuple[float, float, float]
+    height_m: float
+    landmarks: frozenset[LandmarkId]
 
 
-def _located(
-    recording: Recording, rig: AnyRig | None, landmarks: LandmarkMap
-) -> tuple[FloatArray, FloatArray, FloatArray, list[frozenset[LandmarkId]]]:
-    """(K,), (K,3), (K,) times, planar poses and heights of the robot by landmarks alone, and those of each."""
-    rows, seen, known = [], [], frozenset(m.id for m in landmarks)
+def _located(recording: Recording, rig: AnyRig | None, landmarks: LandmarkMap) -> list[_LocatedPose]:
+    """Poses of at most `MOST_LOCATED` of the recording's frames, and of its readings."""
+    poses, known = [], frozenset(m.id for m in landmarks)
     if rig is not None and rig.T_base_left is not None:
         frames, T_left_base = recording.frames, rig.T_base_left.inverse()
         for frame in frames[:: 1 + len(frames) // MOST_LOCATED]:
             found = locate_rig(frame.seen, rig, landmarks)
             if found.status == PoseStatus.OK and found.T_map_camera is not None:
                 T_map_base = found.T_map_camera @ T_left_base
-                rows.append((frame.time_s, *planar_state(T_map_base), float(T_map_base.t[2])))
-                seen.append(known & {o.id for o in frame.detections})
+                x, y, heading = planar_state(T_map_base)
+                seen = known & {o.id for o in frame.detections}
+                poses.append(_LocatedPose(frame.time_s, (x, y, heading), float(T_map_base.t[2]), seen))
     for time_s, readings in recording.readings:
         planar = locate_planar(readings, landmarks)
         pose = planar.pose
         if planar.status == PoseStatus.OK and pose is not None and pose.heading_rad is not None:
-            rows.append((time_s, pose.x_m, pose.y_m, pose.heading_rad, 0.0))
-            seen.append(known & {reading.id for reading in readings})
-    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
-    return table[:, 0], table[:, 1:4], table[:, 4], seen
+            seen = known & {reading.id for reading in readings}
+            poses.append(_LocatedPose(time_s, (pose.x_m, pose.y_m, pose.heading_rad), 0.0, seen))
+    return poses
+
+
+def _require_one_floor(poses: Sequence[_LocatedPose]) -> None:
+    """Refuse a robot on wheels that is on two floors.
+
+    Raises:
+        InputError: ``two_floors``, with the heights and when it is there.
+    """
+    upward = sorted(poses, key=lambda pose: pose.height_m)
+    steps = [above.height_m - below.height_m for below, above in pairwise(upward)]
+    if max(steps, default=0.0) < FLOORS_APART_M:
+        return
+    cut = 1 + int(np.argmax(steps))
+    floors = sorted((upward[:cut], upward[cut:]), key=lambda floor: float(np.median([pose.time_s for pose in floor])))
+    for floor in floors:
+        there = frozenset[LandmarkId]().union(*(pose.landmarks for pose in floor))
+        if len(floor) < LEAST_ON_FLOOR or len(there) < LEAST_LANDMARKS:
+            return
+    where = " and ".join(
+        f"{np.median([pose.height_m for pose in floor]):.1f} m high from {min(pose.time_s for pose in floor):.1f} to "
+        f"{max(pose.time_s for pose in floor):.1f} s"
+        for floor in floors
+    )
+    hint = "cut the recording where it changes floors; wheel odometry knows one floor, poses (TUM) several"
+    raise InputError("two_floors", f"the landmarks show the robot {where}: two floors in one recording", hint)
 
 
 def odometry_doubt(odometry: Odometry, times_s: FloatArray, states: FloatArray) -> str | None:
