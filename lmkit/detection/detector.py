@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from lmkit.arrays import ByteArray, FloatArray
 from lmkit.detection.candidates import find_candidates
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.linear_image import LinearImage
-from lmkit.detection.overlaps import without_covered
+from lmkit.detection.overlaps import AnyCandidate, without_covered
 from lmkit.detection.pixel_sampling import mean_side, middle_of
 from lmkit.detection.register_and_decode import Candidate, register_all, register_and_decode
 from lmkit.detection.screening import LikelyRule, likely_squares
@@ -29,7 +29,6 @@ from lmkit.model.observation import Detection
 if TYPE_CHECKING:
     from lmkit.detection.tag_registration import TagCandidate
 
-AnyCandidate = TypeVar("AnyCandidate", bound="Candidate | TagCandidate")
 # The strict limit: what is read less surely may lie in a shadow.  Small landmarks are seldom read more surely; of 37
 # on simulated images that were tried as shadows, none was accepted as another code there.
 SURE_LOG_ODDS, SMALL_PX = 3.0, 30.0

@@ -206,7 +206,6 @@ def survey_of(
     landmarks = LandmarkMap([*bundle.landmarks, *unseen])
     unplaced = tuple(sorted([*start.unplaced, *(m.id for m in lost)]))
     ambiguous = tuple(sorted({problem.mapped[k].id for k in solved.undecided} & believed))
-    named = len(solved.odometry)  # without odometry the parameters are velocities
     contradicted = tuple(
         contradicted for contradicted in contradicted_landmarks(bundle) if contradicted.id in believed
     )
@@ -221,8 +220,9 @@ def survey_of(
         ambiguous,
         landmarks_off_constraint(constraints, bundle.landmarks, bundle.joint),
         frames=solved.frames,
-        odometry=dict(zip(solved.odometry, bundle.parameters[:named].tolist(), strict=True)),
-        odometry_sigmas=dict(zip(solved.odometry, bundle.parameter_sigmas[:named].tolist(), strict=True)),
+        # Without odometry the parameters are velocities, which have no names.
+        odometry=dict(zip(solved.odometry, bundle.parameters.tolist(), strict=False)),
+        odometry_sigmas=dict(zip(solved.odometry, bundle.parameter_sigmas.tolist(), strict=False)),
     )
 
 

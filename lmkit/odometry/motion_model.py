@@ -90,6 +90,7 @@ class BoundedMotion:
         times_s: of the frames.
     """
 
+    names: tuple[str, ...] = ()  # no odometry that could be wrong
     of_base = False
 
     def __init__(self, times_s: FloatArray) -> None:
@@ -98,12 +99,6 @@ class BoundedMotion:
         self.knots_s = np.linspace(first_s, last_s, count)
         self.nominal = np.zeros(6 * count)
         self.prior_sigma = np.tile(np.repeat([SPEED_MPS, SPEED_RADPS], 3), count)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Speeds along the axes and turn rates about them, knot by knot."""
-        of_one = [f"{name}_{axis}" for name in ("speed", "turn_rate") for axis in "xyz"]
-        return tuple(f"{name}_{k}" for k in range(len(self.knots_s)) for name in of_one)
 
     def require_overlap(self, times_s: FloatArray) -> None:
         """Any time will do."""
