@@ -64,8 +64,11 @@ def pages_to_pdf(pages: Iterable[Page], title: str, keywords: str = "", cmyk: bo
 
 
 def _draw(canvas: Canvas, item: Item, cmyk: bool, drawn: dict[Item, list[str]]) -> None:
-    """Draw an item, or take over what it was drawn by before: sheets of a set share rulers, marks and most texts."""
-    known = drawn.get(item)
+    """Draw an item, or take over what it was drawn by before: sheets of a set share rulers, marks and most texts.
+
+    A line of a spot color is drawn anew on each page, since that is what lists the color among the page's resources.
+    """
+    known = None if is_spot_color(item) else drawn.get(item)
     if known is not None:
         canvas._code.extend(known)
         return
@@ -75,6 +78,11 @@ def _draw(canvas: Canvas, item: Item, cmyk: bool, drawn: dict[Item, list[str]]) 
     else:
         _draw_path(canvas, item, cmyk)
     drawn[item] = canvas._code[first:]
+
+
+def is_spot_color(item: Item) -> bool:
+    """True for the line that a cutting plotter follows, which is drawn in the spot color ``CutContour``."""
+    return isinstance(item, FilledPath) and item.role == "cut"
 
 
 def _clip(canvas: Canvas, window: Box) -> None:
@@ -100,7 +108,7 @@ def _draw_path(canvas: Canvas, shape: FilledPath, cmyk: bool) -> None:
         flat = [coordinate for point in points for coordinate in point]
         method = {"M": "moveTo", "L": "lineTo", "C": "curveTo", "Z": "close"}[name]
         getattr(path, method)(*flat)
-    if shape.role == "cut":
+    if is_spot_color(shape):
         canvas.setFillColor(CUT_CONTOUR)
     else:
         _set_fill(canvas, shape.color, cmyk)

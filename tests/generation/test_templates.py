@@ -98,6 +98,13 @@ def test_every_template_is_proven_and_small(name):
     assert load_template(name).description
 
 
+def test_every_page_knows_the_spot_color_of_its_cutting_line():
+    pdf = pypdfium2.PdfDocument(pages_to_pdf(pages_of("sticker-100"), "stickers"))
+    for page in pdf:
+        red, green, blue = np.moveaxis(page.render(scale=1).to_numpy()[..., 2::-1].astype(int), -1, 0)
+        assert np.sum((red > green + 50) & (blue > green + 50)) > 500  # magenta: else plotters find nothing to cut
+
+
 def test_qpdf_finds_nothing_wrong(tmp_path):
     if shutil.which("qpdf") is None:
         pytest.skip("qpdf is not installed")
