@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import multiprocessing
-import multiprocessing.connection
 import os
-import signal
-import sys
-import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Generator, Iterable
 from functools import partial
-from multiprocessing.context import SpawnContext, SpawnProcess
-from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from lmkit.errors import InputError
@@ -107,6 +97,8 @@ def map_in_threads(work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Genera
     if limit == 1:
         yield from map(work, jobs)
         return
+    from concurrent.futures import ThreadPoolExecutor
+
     with ThreadPoolExecutor(limit) as pool:
         yield from pool.map(work, jobs)
 
@@ -129,6 +121,11 @@ def _map(
     if limit <= 1 or cost_s * len(rest) < WORTH_WORKERS_S:
         yield from map(here, rest)
         return
+    from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
+
+    from lmkit.worker_processes import WorkerContext
+
     with ProcessPoolExecutor(
         limit, mp_context=WorkerContext(), initializer=_start_worker, initargs=(shared,)
     ) as pool:
@@ -142,73 +139,15 @@ def _map(
             ) from None
 
 
-class _Worker(SpawnProcess):
-    """A spawned process that does not run the caller's script again.
-
-    Other spawned processes import ``__main__`` first, so that a script without ``if __name__ == "__main__"`` would
-    start anew in each of them.  All work is a function of lmkit, and needs no ``__main__``.
-    """
-
-    @staticmethod
-    def _Popen(process: BaseProcess) -> Any:
-        main = vars(sys.modules["__main__"])
-        hidden = {name: main[name] for name in ("__spec__", "__file__") if main.get(name) is not None}
-        main.update(dict.fromkeys(hidden))
-        try:
-            with _interrupts_held():
-                return SpawnProcess._Popen(process)
-        finally:
-            main.update(hidden)
-
-
-class WorkerContext(SpawnContext):
-    """How worker processes are started: spawned, and without the caller's script."""
-
-    Process = _Worker
-
-
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold SIGINT back; a process started meanwhile gets it after `end_with_parent`, not amid its imports."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _release_interrupts() -> None:
-    """Let a worker that has begun be interrupted; one that was meanwhile ends, as the one that started it does."""
-    if hasattr(signal, "pthread_sigmask"):
-        try:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        except KeyboardInterrupt:
-            os._exit(1)
-
-
 def _start_worker(shared: Any) -> None:
     import cv2
+
+    from lmkit.worker_processes import end_with_parent
 
     global _shared
     _shared = shared
     cv2.setNumThreads(1)
     end_with_parent()
-
-
-def end_with_parent() -> None:
-    """Let this worker end when the process that started it is gone; a killed one cannot tell its workers to stop."""
-    _release_interrupts()
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_wait_and_end, args=(parent.sentinel,), daemon=True).start()
-
-
-def _wait_and_end(sentinel: int) -> None:
-    multiprocessing.connection.wait([sentinel])
-    os._exit(1)
 
 
 def _with_shared(work: Callable[[Any, Job], Answer], job: Job) -> Answer:

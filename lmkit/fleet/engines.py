@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from lmkit.errors import EXTRA, InputError
-from lmkit.parallel import WorkerContext, end_with_parent, job_limit
+from lmkit.parallel import job_limit
+from lmkit.worker_processes import WorkerContext, end_with_parent
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")

@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import ParamSpec, TypeVar
 
 from lmkit.errors import InputError
-from lmkit.parallel import WorkerContext
+from lmkit.worker_processes import WorkerContext
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -79,7 +79,7 @@ def _start() -> None:
     """Quiet and single threaded, as the command line."""
     import signal
 
-    from lmkit.parallel import end_with_parent
+    from lmkit.worker_processes import end_with_parent
 
     # The terminal's interrupt is for the server, which ends its processes.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

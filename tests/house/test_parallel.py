@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from lmkit import parallel
+from lmkit import parallel, worker_processes
 from lmkit.errors import InputError
 
 
@@ -103,7 +103,7 @@ def test_workers_do_not_run_the_caller_s_script_again(monkeypatch):
     """A script without ``if __name__ == "__main__"`` would start anew in each worker."""
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "script.py", raising=False)
     monkeypatch.setattr(SpawnProcess, "_Popen", lambda process: get_preparation_data("worker"))
-    prepared = parallel.WorkerContext.Process._Popen(None)
+    prepared = worker_processes.WorkerContext.Process._Popen(None)
     assert prepared["name"] == "worker"
     assert not {"init_main_from_name", "init_main_from_path"} & set(prepared)
     assert sys.modules["__main__"].__file__ == "script.py"
@@ -178,8 +178,8 @@ def test_workers_start_with_interrupts_held(monkeypatch):
 
     seen = []
     monkeypatch.setattr(SpawnProcess, "_Popen", staticmethod(lambda process: seen.append(blocked())))
-    parallel.WorkerContext().Process(target=answer)._Popen(None)
+    worker_processes.WorkerContext().Process(target=answer)._Popen(None)
     assert seen == [True] and not blocked()
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    parallel.end_with_parent()
+    worker_processes.end_with_parent()
     assert not blocked()
