@@ -12,7 +12,8 @@ from pydantic import Field, ValidationError
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.errors import InputError
-from lmkit.io.documents import Document, read_text
+from lmkit.io.document_models import Document
+from lmkit.io.documents import read_text
 from lmkit.io.field_problems import first_problem
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import PairView

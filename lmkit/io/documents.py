@@ -13,13 +13,11 @@ import re
 import stat
 from collections.abc import Hashable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from lmkit.errors import InputError
-from lmkit.io.field_problems import first_problem
 
 if TYPE_CHECKING:
     _BaseLoader = yaml.SafeLoader
@@ -33,16 +31,6 @@ MAX_INTEGER = 2**63
 _NO_TIMES = ("tag:yaml.org,2002:timestamp", "tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _GZIP = b"\x1f\x8b"
 _BOMS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
-
-
-class Document(BaseModel):
-    """Base of every file layout: unknown keys and values that are not finite are refused."""
-
-    # Most layouts that are imported are not needed: each is prepared when a file of it is read.
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
-
-
-DocumentT = TypeVar("DocumentT", bound=Document)
 
 
 class PlainLoader(_BaseLoader):
@@ -265,31 +253,26 @@ def _leaves(value: object, where: str) -> Iterator[tuple[str, object]]:
         yield where, value
 
 
-def read_document(path: Path, layout: type[DocumentT], what: str) -> DocumentT:
-    """Read and validate a YAML (or JSON) file.
+def read_keys(path: Path, kind: str, what: str) -> dict[str, Any]:
+    """Keys and values of a YAML (or JSON) file of lmkit.
 
     Args:
-        layout: the pydantic layout it must follow.
+        kind: value that its key ``format`` must have, e.g. ``lmkit-rig/1``.
         what: its kind in error messages, e.g. ``rig file``.
 
     Raises:
-        InputError: anything wrong with it, with the path of the offending key.
+        InputError: no such document, or one of another kind.
     """
     data = load_document(path, read_text(path, what), _UniqueKeyLoader)
     if not isinstance(data, dict):
         raise InputError("bad_yaml", f"{path}: holds no keys", f"give a {what}, see docs/formats.md")
-    kind = layout.model_fields["format"].default
     if data.get("format") != kind:
         raise InputError(
             "wrong_format",
             f"{path}: format is {data.get('format')!r}, expected {kind!r}",
             f"give a {what}, see docs/formats.md",
         )
-    try:
-        return layout.model_validate(data)
-    except ValidationError as error:
-        where, problem = first_problem(error)
-        raise InputError("bad_value", f"{path}: {where}: {problem}", "see docs/formats.md") from None
+    return data
 
 
 class _TidyDumper(yaml.SafeDumper):

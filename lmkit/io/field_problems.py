@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 MOST_SHOWN = 40  # letters of a value
 # By pydantic's name of the problem; {value} and its limits are filled in.
@@ -40,24 +42,37 @@ SENTENCES = {
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """(path of the key, what is wrong with it) of a validation's first complaint."""
     detail = error.errors(include_url=False)[0]
+    sentence = sentence_of(detail["type"], detail["input"], detail.get("ctx", {}), detail["msg"])
+    return path_of(detail["loc"]), sentence
+
+
+def path_of(place: Iterable[str | int]) -> str:
+    """Path of a value, such as ``cameras[0].K``, from the keys and numbers of list items that lead to it."""
     where = ""
-    for part in detail["loc"]:
+    for part in place:
         where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
-    return where or "the file", _sentence(detail)
+    return where or "the file"
 
 
-def _sentence(detail: Any) -> str:
-    if detail["type"] == "too_short" and not detail["input"]:
+def sentence_of(kind: str, given: object, limits: Mapping[str, object], otherwise: str = "") -> str:
+    """Sentence about a value.
+
+    Args:
+        kind: name of the problem.
+        given: the value.
+        limits: numbers that the sentence names.
+        otherwise: what is said of a problem without a sentence.
+    """
+    if kind == "too_short" and not given:
         return "holds nothing"
-    sentence = SENTENCES.get(detail["type"])
+    sentence = SENTENCES.get(kind)
     if sentence is None:
-        return str(detail["msg"].removeprefix("Value error, "))
-    given = detail["input"]
+        return otherwise.removeprefix("Value error, ")
     value = {True: "true", False: "false"}[given] if isinstance(given, bool) else repr(given)
     if given is None:
         return "holds no value"
     shown = value if len(value) <= MOST_SHOWN else f"{value[:MOST_SHOWN]}..."
-    return sentence.format_map({**detail.get("ctx", {}), "value": shown})
+    return sentence.format_map({**limits, "value": shown})
 
 
 def plain_problem(error: Exception) -> str:

@@ -13,7 +13,8 @@ from pydantic import Field
 
 from lmkit.errors import InputError
 from lmkit.io.document_head import head_of
-from lmkit.io.documents import Document, dump_yaml, read_document, read_text, require_regular
+from lmkit.io.document_models import Document, read_document
+from lmkit.io.documents import dump_yaml, read_text, require_regular
 from lmkit.io.dxf_lines import ALL_LAYERS, read_dxf_lines
 from lmkit.io.floor_grid import CELL_M, check_size, floor_of_grid, inside_of
 from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions, island_use, with_islands

@@ -2,42 +2,46 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
 
 from lmkit.arrays import is_covariance
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
-from lmkit.io.documents import Document, dump_yaml, read_document
+from lmkit.io.documents import dump_yaml
+from lmkit.io.layouts import Layout, count, items, keys_of, number, read_layout, word
 from lmkit.io.rig import Matrix6, Row
 from lmkit.model.families import family_named
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.scan import POLE
 
+FORMAT = "lmkit-map/1"
+MOST_SIZE_M = 100.0
 FOREIGN_FAMILY = "aruco"  # of any dictionary: not read in images, but its recorded detections are used
 UPRIGHT = (0.5, 0.5, 0.5, 0.5)  # of poles, which face nowhere: y of the landmark up, its z along x of the map
 
 
-class _Landmark(Document):
-    code: Annotated[int, Field(ge=0, strict=True)]
+@dataclass(frozen=True, kw_only=True)
+class _Landmark(Layout):
+    code: Annotated[int, count]
     family: str
-    size_m: Annotated[float, Field(gt=0, le=100)]
+    size_m: Annotated[float, number(above=0, most=MOST_SIZE_M)]
     position: Row
-    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
+    quaternion: Annotated[list[float], items(number(), 4, 4)] | None = None
     covariance: Matrix6 | None = None
     name: str | None = None
     valid_from: float | None = None
     valid_to: float | None = None
 
 
-class _MapFile(Document):
-    format: str = "lmkit-map/1"
-    frame: Literal["map"]
-    landmarks: Annotated[list[_Landmark], Field(min_length=1)]
+@dataclass(frozen=True, kw_only=True)
+class _MapFile(Layout):
+    frame: Annotated[str, word("map")]
+    landmarks: Annotated[list[_Landmark], items(keys_of(_Landmark), 1)]
 
 
 def read_map(path: Path) -> LandmarkMap:
@@ -46,7 +50,7 @@ def read_map(path: Path) -> LandmarkMap:
     Raises:
         InputError: not readable or not valid; names the key.
     """
-    data = read_document(path, _MapFile, "map file")
+    data = read_layout(path, _MapFile, FORMAT, "map file")
     landmarks = []
     for index, item in enumerate(data.landmarks):
         where = f"{path}: landmarks[{index}]"
@@ -119,4 +123,4 @@ def map_to_yaml(landmarks: LandmarkMap) -> str:
             if time_s is not None:
                 entry[key] = time_s
         entries.append(entry)
-    return dump_yaml({"format": "lmkit-map/1", "frame": "map", "landmarks": entries})
+    return dump_yaml({"format": FORMAT, "frame": "map", "landmarks": entries})

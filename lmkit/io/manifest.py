@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from lmkit.errors import InputError
-from lmkit.io.documents import Document, read_document
+from lmkit.io.document_models import Document, read_document
 from lmkit.io.field_problems import first_problem
 
 MANIFEST: Literal["lmkit-prints/1"] = "lmkit-prints/1"

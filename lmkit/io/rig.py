@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
@@ -16,52 +16,56 @@ from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, MountedCamera, Rig
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.document_head import head_of
-from lmkit.io.documents import Document, dump_yaml, read_document, read_text
+from lmkit.io.documents import dump_yaml, read_text
+from lmkit.io.layouts import FieldProblem, Layout, items, keys_of, matrix, number, read_layout, text
 
+FORMAT = "lmkit-rig/1"
 MOST_OFFSET_S = 10.0  # between clocks of two cameras; a stamp of another clock altogether is refused
 
 
-def _known_lens(name: str) -> str:
+def _lens_model(given: Any) -> str:
+    name = text()(given)
     if name not in LENS_MODELS:
-        raise ValueError(f"{name!r} is not a lens model; known: {', '.join(LENS_MODELS)}")
+        raise FieldProblem(f"{name!r} is not a lens model; known: {', '.join(LENS_MODELS)}")
     return name
 
 
-LensName = Annotated[str, AfterValidator(_known_lens)]
-
-
-def _correlation(rows: list[list[float]]) -> list[list[float]]:
+def _correlation(given: Any) -> list[list[float]]:
+    rows = items(items(number()), 1)(given)
     if any(len(row) != len(rows) for row in rows):
-        raise ValueError("a correlation matrix is square")
+        raise FieldProblem("a correlation matrix is square")
     values = np.array(rows)
     if not np.allclose(values, values.T, atol=1e-6) or not np.allclose(np.diag(values), 1, atol=1e-6):
-        raise ValueError("a correlation matrix is symmetric, with 1 on its diagonal")
+        raise FieldProblem("a correlation matrix is symmetric, with 1 on its diagonal")
     if np.linalg.eigvalsh(values)[0] < -1e-6:
-        raise ValueError("no numbers have these correlations: the matrix has a negative eigenvalue")
+        raise FieldProblem("no numbers have these correlations: the matrix has a negative eigenvalue")
     return rows
 
 
-Correlation = Annotated[list[list[float]], Field(min_length=1), AfterValidator(_correlation)]
-Row = Annotated[list[float], Field(min_length=3, max_length=3)]
-Matrix3 = Annotated[list[Row], Field(min_length=3, max_length=3)]
-Row6 = Annotated[list[float], Field(min_length=6, max_length=6)]
-Matrix6 = Annotated[list[Row6], Field(min_length=6, max_length=6)]
+LensModel = Annotated[str, _lens_model]
+Correlation = Annotated[list[list[float]], _correlation]
+Row = Annotated[list[float], items(number(), 3, 3)]
+Matrix3 = Annotated[list[list[float]], matrix(3, 3)]
+Matrix6 = Annotated[list[list[float]], matrix(6, 6)]
 
 
-class _Camera(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Camera(Layout):
     image_size: tuple[int, int]
-    model: LensName
+    model: LensModel
     K: Matrix3
     distortion: list[float]
-    time_offset_s: Annotated[float, Field(ge=-MOST_OFFSET_S, le=MOST_OFFSET_S)] = 0.0
+    time_offset_s: Annotated[float, number(-MOST_OFFSET_S, MOST_OFFSET_S)] = 0.0
 
 
-class _Transform(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Transform(Layout):
     R: Matrix3
     t: Row
 
 
-class _Uncertainty(Document):
+@dataclass(frozen=True, kw_only=True)
+class _Uncertainty(Layout):
     T_right_left: Matrix6
     left_sigma: list[float] | None = None
     right_sigma: list[float] | None = None
@@ -69,8 +73,9 @@ class _Uncertainty(Document):
     right_correlation: Correlation | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
 class _MountedCamera(_Camera):
-    name: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, text(1)]
     T_first_camera: _Transform | None = None
     T_base_camera: _Transform | None = None
     covariance: Matrix6 | None = None
@@ -78,8 +83,8 @@ class _MountedCamera(_Camera):
     correlation: Correlation | None = None
 
 
-class _RigFile(Document):
-    format: str = "lmkit-rig/1"
+@dataclass(frozen=True, kw_only=True)
+class _RigFile(Layout):
     left: _Camera
     right: _Camera
     T_right_left: _Transform
@@ -87,9 +92,9 @@ class _RigFile(Document):
     uncertainty: _Uncertainty | None = None
 
 
-class _CamerasFile(Document):
-    format: str = "lmkit-rig/1"
-    cameras: Annotated[list[_MountedCamera], Field(min_length=1)]
+@dataclass(frozen=True, kw_only=True)
+class _CamerasFile(Layout):
+    cameras: Annotated[list[_MountedCamera], items(keys_of(_MountedCamera), 1)]
 
 
 def read_rig(path: Path) -> AnyRig:
@@ -100,7 +105,7 @@ def read_rig(path: Path) -> AnyRig:
     """
     if _lists_cameras(path):
         return _read_cameras(path)
-    data = read_document(path, _RigFile, "rig file")
+    data = read_layout(path, _RigFile, FORMAT, "rig file")
     covariance = sigma = correlation = None
     if data.uncertainty is not None:
         covariance = np.array(data.uncertainty.T_right_left)
@@ -131,7 +136,7 @@ def rig_to_yaml(rig: AnyRig) -> str:
     if isinstance(rig, Rig):
         return _cameras_to_yaml(rig)
     data: dict[str, Any] = {
-        "format": "lmkit-rig/1",
+        "format": FORMAT,
         "left": _camera_dict(rig.left),
         "right": {**_camera_dict(rig.right), **_time_offset(rig.right_time_offset_s)},
         "T_right_left": _pose_dict(rig.T_right_left),
@@ -156,7 +161,7 @@ def _lists_cameras(path: Path) -> bool:
 
 
 def _read_cameras(path: Path) -> Rig:
-    data = read_document(path, _CamerasFile, "rig file")
+    data = read_layout(path, _CamerasFile, FORMAT, "rig file")
     first = data.cameras[0]
     if first.T_first_camera is not None:
         raise InputError(
@@ -216,7 +221,7 @@ def _cameras_to_yaml(rig: Rig) -> str:
         if camera.intrinsics_correlation is not None:
             entry["correlation"] = camera.intrinsics_correlation.tolist()
         cameras.append(entry)
-    return dump_yaml({"format": "lmkit-rig/1", "cameras": cameras})
+    return dump_yaml({"format": FORMAT, "cameras": cameras})
 
 
 def _require_own_clock(path: Path, where: str, camera: _Camera) -> None:
@@ -243,7 +248,9 @@ def _pose_dict(pose: Pose) -> dict[str, Any]:
 
 def _camera(path: Path, key: str, data: _Camera) -> CameraModel:
     try:
-        return CameraModel(data.image_size, np.array(data.K), np.array(data.distortion), data.model)
+        return CameraModel(
+            (data.image_size[0], data.image_size[1]), np.array(data.K), np.array(data.distortion), data.model
+        )
     except ValueError as error:
         raise InputError("bad_value", f"{path}: {key}: {error}", "see docs/formats.md") from None
 

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError
 
 from lmkit.detection.config import PROFILES
 from lmkit.errors import InputError
-from lmkit.io.documents import Document, read_document
+from lmkit.io.document_models import Document, read_document
 from lmkit.io.field_problems import first_problem
 from lmkit.live.loop import LoopSettings
 from lmkit.live.publication import PublicationRule

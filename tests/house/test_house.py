@@ -18,6 +18,11 @@ import lmkit
 from lmkit.cli.app import public_commands
 from lmkit.cli.commands import COMMANDS, list_of_commands
 from lmkit.cli.main import app
+from lmkit.io.landmark_map import map_to_yaml
+from lmkit.io.rig import rig_to_yaml
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
+from lmkit.simulation.scene import make_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lmkit"
@@ -55,19 +60,27 @@ def test_reading_a_map_loads_no_scipy():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_detecting_loads_what_it_needs(tmp_path):
-    """Pydantic alone would take a quarter of `lmkit detect`."""
-    Image.new("RGB", (64, 48), "gray").save(tmp_path / "gray.png")
-    code = (
-        "import sys\nfrom lmkit.cli import main\n"
-        f"main.guarded(lambda: main.run_arguments(['detect', {str(tmp_path / 'gray.png')!r}]), False)\n"
-        "assert 'lmkit.detection.detector' in sys.modules\n"
-        "heavy = {'pydantic', 'yaml', 'scipy', 'rich', 'multiprocessing', 'lmkit.detection.tag_detector'}\n"
-        "heavy.add('lmkit.visualization')\n"
-        "sys.exit(f'loaded: {heavy & set(sys.modules)}' if heavy & set(sys.modules) else 0)\n"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stderr
+def test_detecting_and_locating_load_what_they_need(tmp_path):
+    """Pydantic alone would take a quarter of `lmkit locate`."""
+    left, right, rig, landmarks = (str(tmp_path / name) for name in ("left.png", "right.png", "rig.yaml", "map.yaml"))
+    for image in (left, right):
+        Image.new("RGB", (64, 48), "gray").save(image)
+    Path(rig).write_text(rig_to_yaml(make_rig((64, 48), 60.0)))
+    mounted = MappedLandmark(LandmarkId("lm8", 1), 0.18, wall_pose([4.0, 0.0, 1.2], 0.0))
+    Path(landmarks).write_text(map_to_yaml(LandmarkMap([mounted])))
+    heavy = {"pydantic", "scipy", "rich", "multiprocessing", "lmkit.detection.tag_detector"}
+    for arguments, needed, not_needed in (
+        (["detect", left], "lmkit.detection.detector", heavy | {"yaml", "lmkit.visualization"}),
+        (["locate", left, right, "--rig", rig, "--map", landmarks], "lmkit.localization.absolute_pose", heavy),
+    ):
+        code = (
+            "import sys\nfrom lmkit.cli import main\n"
+            f"main.guarded(lambda: main.run_arguments({arguments!r}), False)\n"
+            f"assert {needed!r} in sys.modules\nloaded = {not_needed!r} & set(sys.modules)\n"
+            "sys.exit(f'loaded: {loaded}' if loaded else 0)\n"
+        )
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert ended.returncode == 0, ended.stderr
 
 
 def test_the_list_of_commands_loads_no_typer():
