@@ -306,23 +306,37 @@ def check_camera(
     if abs(fx / fy - 1) > UNEQUAL_FOCALS:
         message = f"focal lengths of {which} differ by {100 * abs(fx / fy - 1):.1f} %: images stretched?"
         warnings.append(CalibrationWarning("unequal_focals", message))
-    if (beyond := beyond_model(camera)) > BEYOND_MODEL:
-        message = (
-            f"{which}'s distortion model is not valid over {100 * beyond:.0f} % of the image (it folds back there): "
-            "show the board in the corners, or try another lens model (--model fisheye)"
-        )
-        warnings.append(CalibrationWarning("lens_ends", message))
+    if (ends := end_of_lens(camera, which)) is not None:
+        warnings.append(CalibrationWarning("lens_ends", ends))
     if abs(cx - (width - 1) / 2) > CENTRE_SHARE * width or abs(cy - (height - 1) / 2) > CENTRE_SHARE * height:
         message = f"{which}'s principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped images?"
         warnings.append(CalibrationWarning("principal_point", message))
     return warnings
 
 
+def end_of_lens(camera: CameraModel, which: str) -> str | None:
+    """Warning of a camera (``the left camera``) whose distortion turns back inside the image; None: it does not."""
+    beyond = beyond_model(camera)
+    if beyond <= BEYOND_MODEL:
+        return None
+    other = "pinhole" if camera.lens.is_equidistant else "fisheye"
+    return (
+        f"{which}'s distortion model is not valid over {100 * beyond:.0f} % of the image (it folds back there): "
+        f"calibrate with the board in the image's corners, or with another lens model (--model {other})"
+    )
+
+
 def beyond_model(camera: CameraModel) -> float:
-    """Share of the image, 0..1, in which the distortion has turned back."""
+    """Share of the image, 0..1, in which the distortion has turned back.
+
+    What a wide fisheye lens shows from 90 deg off its axis on has no ray in front of the camera, whatever the model.
+    """
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, 24), np.linspace(0, height - 1, 18))
-    return float(1 - camera.reaches(np.column_stack([u.ravel(), v.ravel()])).mean())
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    off_axis_rad = np.linalg.norm((pixels - camera.K[:2, 2]) / np.diag(camera.K)[:2], axis=1)
+    aside = camera.lens.is_equidistant & (off_axis_rad >= np.pi / 2)
+    return float((~camera.reaches(pixels) & ~aside).mean())
 
 
 def horizontal_field_deg(camera: CameraModel) -> float | None:

@@ -25,7 +25,7 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Rectify stereo pairs. Matching points then share a row, or a column if one camera is above the other."""
-    from lmkit.calibration.sanity_checks import BEYOND_MODEL, beyond_model
+    from lmkit.calibration.sanity_checks import end_of_lens
     from lmkit.geometry.rectification import rectification
     from lmkit.geometry.rig import as_stereo
     from lmkit.io.any_rig import read_any_rig
@@ -35,11 +35,8 @@ def run(
 
     cameras = as_stereo(read_any_rig(rig), "rectify")
     for name, camera in (("left", cameras.left), ("right", cameras.right)):
-        if (share := beyond_model(camera)) > BEYOND_MODEL:
-            warn(
-                f"the {name} camera's distortion model is not valid over {share:.0%} of the image "
-                "(it folds back there): calibrate again with the board in the image's corners, or by --model fisheye"
-            )
+        if (message := end_of_lens(camera, f"the {name} camera")) is not None:
+            warn(message)
     sources = [left] if right is None else [left, right]
     require_image_of_each(("left", "right"), sources)
     calibration = {} if lines else rectified_calibration(cameras, output)

@@ -16,7 +16,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.tracked_trajectory import PARAMETER_WORDS, TrackedTrajectory
 from lmkit.odometry.motion_model import Motion
 from lmkit.reports.time_plots import LEFT_OUT, OTHER, SEEN, Series, over_time
-from lmkit.visualization.html import figure, grid, headline, listed, page, sized, table
+from lmkit.visualization.html import GRAY, figure, grid, headline, listed, page, sized, table
 from lmkit.visualization.plan_view import FILE_SIZE, PAGE_SIZE, PHONE_SIZE, Found, PlanSize, draw_plan
 
 MOST_DRAWN = 60  # poses of a plan
@@ -252,11 +252,15 @@ def _innovations(tracked: TrackedTrajectory) -> str:
     if not some.any():
         return "<p class='note'>No landmark was seen.</p>"
     ratio = squared[some] / dof[some]
-    above = ratio > chi2.ppf(INSIDE, dof[some]) / dof[some]
-    times = tracked.times_s[some]
+    bound = chi2.ppf(INSIDE, dof[some]) / dof[some]
+    above, times = ratio > bound, tracked.times_s[some]
     outside, counted = _outside(tracked)
     plot = over_time(
-        [Series(times[~above], ratio[~above], SEEN), Series(times[above], ratio[above], LEFT_OUT)],
+        [
+            Series(times, bound, GRAY, dots=False),
+            Series(times[~above], ratio[~above], SEEN),
+            Series(times[above], ratio[above], LEFT_OUT),
+        ],
         "NIS / degrees of freedom",
         log=True,
     )
@@ -264,7 +268,7 @@ def _innovations(tracked: TrackedTrajectory) -> str:
         plot,
         "Normalized innovation squared (NIS): how far the observations lie from the prediction, against their "
         f"covariance. Mean {squared.sum() / dof.sum():.2f}; 1 is expected, less means cautious covariances. "
-        f"Red: above the {100 * INSIDE:.0f} % bound, {outside} of {counted} frames.",
+        f"Line: {100 * INSIDE:.0f} % bound. Red: above it, {outside} of {counted} frames.",
     )
 
 
@@ -278,12 +282,10 @@ def _outside(tracked: TrackedTrajectory) -> tuple[int, int]:
 def _odometry(parameters: Mapping[str, float], sigmas: Mapping[str, float]) -> str:
     if not parameters:
         return ""
-    rows = [
-        (
-            PARAMETER_WORDS.get(name, name.replace("_", " ")),
-            f"{round(value, 4) + 0.0:.4f}",
-            f"{sigmas[name]:.4f}" if name in sigmas else "",
-        )
-        for name, value in parameters.items()
-    ]
-    return "<h2>Odometry errors</h2>" + table(("", "estimate", "±"), rows)
+    rows = []
+    for name, value in parameters.items():
+        row = [PARAMETER_WORDS.get(name, name.replace("_", " ")), f"{round(value, 4) + 0.0:.4f}"]
+        if sigmas:
+            row.append(f"{sigmas[name]:.4f}" if name in sigmas else "")
+        rows.append(row)
+    return "<h2>Odometry errors</h2>" + table(("", "estimate", "±") if sigmas else ("", "estimate"), rows)
