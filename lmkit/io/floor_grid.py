@@ -15,8 +15,7 @@ from lmkit.errors import InputError, InputWarning
 from lmkit.io.floor_islands import (
     PLAIN_DRAWING,
     DrawingOptions,
-    behind_wall,
-    island_use,
+    use_behind,
     with_islands,
     without_thin_lines,
 )
@@ -89,9 +88,7 @@ def floor_of_grid(
 def _with_walls(floor: FloorPlan, solid: BoolArray | None) -> FloorPlan:
     """Walls along the outlines, but for those of islands that are no walls."""
     walls = [
-        wall
-        for wall in walls_of(floor.free, floor.cell_m, floor.origin, solid)
-        if island_use(floor, behind_wall(wall, floor.cell_m)) == "wall"
+        wall for wall in walls_of(floor.free, floor.cell_m, floor.origin, solid) if use_behind(floor, wall) == "wall"
     ]
     return replace(floor, walls=[replace(wall, name=wall_name(k)) for k, wall in enumerate(walls)])
 

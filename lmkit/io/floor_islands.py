@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -127,10 +128,14 @@ def island_use(floor: FloorPlan, place: FloatArray) -> str:
     return floor.islands[number - 1].use if number else "wall"
 
 
-def behind_wall(wall: Wall, cell_m: float) -> FloatArray:
-    """A place in the drawn line of a wall that was found along an outline."""
+def use_behind(floor: FloorPlan, wall: Wall) -> str:
+    """Use of the island that a wall found along an outline belongs to, over gaps between islands too; or ``wall``."""
     out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
-    return np.asarray((wall.left + wall.right) / 2 - 0.4 * cell_m * out)
+    steps = np.linspace(0.0, 1.0, 1 + int(np.ceil(wall.length_m / floor.cell_m)))[:, None]
+    behind = wall.left + steps * (wall.right - wall.left) - 0.4 * floor.cell_m * out
+    uses = Counter(use for use in (island_use(floor, place) for place in behind) if use != "wall")
+    drawn = sum(not floor.is_free(place) for place in behind)
+    return uses.most_common(1)[0][0] if uses and 2 * uses.total() > drawn else "wall"
 
 
 def drawing_warnings(islands: Sequence[Island], free: BoolArray, cell_m: float) -> list[str]:

@@ -138,6 +138,16 @@ def test_small_islands_block_the_robot_and_hold_no_landmarks(tmp_path):
     assert any("hold no landmarks: (" in text for text in drawing_warnings(floor.islands, floor.free, floor.cell_m))
 
 
+def test_a_line_along_several_letters_is_no_wall(tmp_path):
+    image = np.full((380, 480), 255, dtype=np.uint8)
+    cv2.rectangle(image, (40, 40), (440, 340), 0, 6)
+    cv2.putText(image, "living room", (150, 280), cv2.FONT_HERSHEY_SIMPLEX, 0.8, 0, 2)
+    cv2.imwrite(str(tmp_path / "text.png"), image)
+    floor = read_floor(tmp_path / "text.png", 0.02)
+    assert len(floor.islands) > 3
+    assert len(floor.walls) == 4
+
+
 def test_islands_are_left_out_or_used_as_walls_where_asked_for(tmp_path):
     path = furnished(tmp_path / "f.png")
     plain = read_floor(path, 0.02)
