@@ -28,6 +28,10 @@ class SourceLost(Exception):
     """A source gives no more images; the message says why."""
 
 
+class SourceEnded(Exception):
+    """A source has given its last image, as it should: it is not opened again."""
+
+
 class Capture(Protocol):
     """Interface of an open source."""
 
@@ -35,7 +39,8 @@ class Capture(Protocol):
         """Stamp in the loop's time, and the images, (H,W,3) BGR.
 
         Raises:
-            SourceLost: there are no more.
+            SourceLost: there are no more, until it is opened again.
+            SourceEnded: there will be no more.
         """
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from lmkit.arrays import ByteArray
 from lmkit.live.captures import Capture
 from lmkit.live.exposures import MOST_APART_S, TOGETHER_S
-from lmkit.live.frame_group import FrameGroup
+from lmkit.live.frame_group import EndOfFeed, FrameGroup
 from lmkit.live.inputs.base import InputRunner
 from lmkit.live.motion import MotionInbox
 from lmkit.live.reader import Reader
@@ -47,6 +47,8 @@ class LiveFeed:
         end = time.monotonic() + timeout_s
         with self._news:
             while not self._ready():
+                if self._has_ended():
+                    break
                 left = end - time.monotonic()
                 if left <= 0:
                     break
@@ -54,11 +56,16 @@ class LiveFeed:
             for reader in self._readers:
                 reader.watch()
             if not self._any():
+                if self._has_ended():
+                    raise EndOfFeed
                 return None
             return self._group()
 
     def _any(self) -> bool:
         return any(reader.peek() is not None for reader in self._readers)
+
+    def _has_ended(self) -> bool:
+        return all(reader.has_ended for reader in self._readers)
 
     def _ready(self) -> bool:
         """All cameras that work have an image, of one time; or the others have been waited for."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from lmkit.arrays import ByteArray
-from lmkit.live.captures import Capture, SourceLost
+from lmkit.live.captures import Capture, SourceEnded, SourceLost
 from lmkit.live.state import Event, Health
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
@@ -57,7 +57,7 @@ class Reader:
         self._newest: tuple[float, tuple[ByteArray, ...]] | None = None
         self._count = self._dropped = self._generation = 0
         self._problem = "not open yet"
-        self._lost = False
+        self._lost = self._ended = False
         self._last = time.monotonic()
         self._rate = Rate()
         self._events: deque[Event] = deque(maxlen=50)
@@ -83,6 +83,9 @@ class Reader:
                 while not self._stop.is_set() and generation == self._generation:
                     self._put(generation, *capture.read())
                     wait = FIRST_WAIT_S
+            except SourceEnded:
+                self._end(generation)
+                return
             except SourceLost as lost:
                 self._fail(generation, str(lost))
             except Exception as error:  # a driver's own error must not end the run
@@ -133,6 +136,12 @@ class Reader:
                 self._events.append(Event("camera_lost", f"{self.name}: {problem}; opening it again", self._now()))
             self._news.notify_all()
 
+    def _end(self, generation: int) -> None:
+        with self._news:
+            if generation == self._generation:
+                self._ended, self._problem = True, "ended"
+                self._news.notify_all()
+
     def peek(self) -> float | None:
         """Stamp of the newest images that were not taken; call with ``news`` held."""
         return None if self._newest is None else self._newest[0]
@@ -144,7 +153,7 @@ class Reader:
 
     def watch(self) -> None:
         """Leave a thread whose source stalls, and open the source in a new one; call with ``news`` held."""
-        if self._lost or time.monotonic() - self._last < STALLS_S or self._count == 0:
+        if self._lost or self._ended or time.monotonic() - self._last < STALLS_S or self._count == 0:
             return
         self._abandoned = [thread for thread in self._abandoned if thread.is_alive()]
         self._lost, self._problem = True, f"no image for {STALLS_S:g} s"
@@ -157,7 +166,12 @@ class Reader:
     @property
     def works(self) -> bool:
         """It gives images now."""
-        return not self._lost and self._count > 0
+        return not self._lost and not self._ended and self._count > 0
+
+    @property
+    def has_ended(self) -> bool:
+        """It will give no more images than those that were not taken; call with ``news`` held."""
+        return self._ended
 
     def events(self) -> tuple[Event, ...]:
         """Events since the last call."""

@@ -15,7 +15,7 @@ import numpy as np
 from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
 from lmkit.geometry.rig import mounted_cameras
-from lmkit.live.captures import SourceLost
+from lmkit.live.captures import SourceEnded
 from lmkit.live.clock import LoopClock
 from lmkit.live.frame_group import FrameGroup
 from lmkit.live.motion import GYRO, WHEELS, MotionInbox, MotionRow
@@ -146,7 +146,7 @@ class SimulatedCapture:
         """Number of the first frame that is still to come."""
         number = int((self._clock.now() - self._run.shift_s) * self._run.fps) + 1
         if number > self._run.course.seconds * self._run.fps:
-            raise SourceLost("the simulated course has ended")
+            raise SourceEnded
         return number
 
     def _wait_for(self, number: int) -> None:

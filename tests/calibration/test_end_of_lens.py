@@ -1,4 +1,4 @@
-"""Where a lens model ends inside the image, and what is said of it."""
+"""Lens models that end inside the image, and what is said of them."""
 
 from __future__ import annotations
 

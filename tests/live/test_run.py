@@ -221,6 +221,16 @@ def test_an_unplugged_camera_is_named_and_opened_again(monkeypatch):
     assert codes[:2] == ["camera_lost", "camera_back"]
 
 
+def test_a_simulated_robot_ends_its_run_at_the_end_of_its_course():
+    run = open_run(RunSettings(RunFile(sources=["sim:?seconds=1&size=160x120&fps=10"])))
+    guard = threading.Timer(20, run.stop)
+    guard.start()
+    summary = run.run()
+    guard.cancel()
+    assert summary.seconds < 15
+    assert "camera_lost" not in summary.events
+
+
 class Failing:
     """An output whose peer is gone at first."""
 
