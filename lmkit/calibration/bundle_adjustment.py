@@ -39,6 +39,8 @@ from lmkit.model.observation import PairView
 from lmkit.optim.levenberg_marquardt import minimize_rescaled
 from lmkit.optim.robust_loss import cauchy_cost
 
+# A fit that another one continues, and a fit from an optimum of nearly the same problem.
+ROUGHLY, NEARBY = 1e-4, 1e-7  # relative gain of its last step; damping of its first step
 OWN_NOISE = 0.25  # share of a middling image's variance that is the scatter of its own corners
 MOST_NOISE = 10.0  # of an image's corners, over the median's
 
@@ -79,6 +81,7 @@ class FitOptions:
         warp: the board's bow.
         iterations: at most.
         converged: the relative gain of the last step.
+        damping: of the first step; little where the start is the optimum of nearly the same problem.
         known: a prior of the intrinsics, in place of the wide one for any lens.
         covariance: whether the result carries one, if anything shared is fitted.
     """
@@ -88,6 +91,7 @@ class FitOptions:
     warp: bool = True
     iterations: int = 40
     converged: float = CONVERGED
+    damping: float = DAMPING.start
     known: KnownIntrinsics | None = None
     covariance: bool = True
 
@@ -150,7 +154,7 @@ class StereoProblem:
             start,
             options.iterations,
             options.converged,
-            DAMPING,
+            replace(DAMPING, start=options.damping),
         )
         if not (options.covariance and fitted.any()):
             return current
@@ -295,7 +299,7 @@ def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution:
         rotation_exp(relation[:3]) @ s.R,
         s.t + relation[3:],
         s.warp + shared[-WARP:],
-        np.array([rotation_exp(p[:3]) @ R for p, R in zip(poses, s.rotations, strict=True)]),
+        rotation_exp(poses[:, :3]) @ s.rotations,
         s.translations + poses[:, 3:],
     )
 

@@ -12,17 +12,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
-from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
+from lmkit.calibration.bundle_adjustment import NEARBY, FitOptions, Solution, StereoProblem
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rectification import epipolar_errors
 from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.observation import PairView
 
 FOLDS = 5
-FOLD_CONVERGED = 1e-5  # relative gain of the last step: a fold starts from the fit of all pairs
+FOLD_CONVERGED = 1e-5  # relative gain of the last step
 # A model with more freedom must do better by so many standard errors, and by this share.
 CLEAR_ERRORS = 1.0
 CLEAR_SHARE = 0.01
+
+
+def in_fold(options: FitOptions) -> FitOptions:
+    """Options of a fit that starts from the fit of all pairs, and serves for its errors on unseen pairs alone."""
+    return replace(options, converged=FOLD_CONVERGED, damping=NEARBY, covariance=False)
+
+
+POSES_ONLY = in_fold(FitOptions(intrinsics=False, relation=False, warp=False))
 
 
 @dataclass(frozen=True)
@@ -83,7 +91,7 @@ def hold_out(
     count = len(views)
     if count < FOLDS:
         return None
-    options = replace(options or FitOptions(), converged=FOLD_CONVERGED, covariance=False)
+    options = in_fold(options or FitOptions())
     fold = np.arange(count) % FOLDS
     errors = np.zeros((count, 4))
     for k in range(FOLDS):
@@ -100,7 +108,7 @@ def errors_on(object_points: FloatArray, views: Sequence[PairView], rig: Solutio
     """(P,4) as the attributes of :class:`HeldOut`; the boards' poses are fitted, from those of ``poses``."""
     problem = StereoProblem(object_points, views)
     start = Solution(rig.left, rig.right, rig.R, rig.t, rig.warp, poses.rotations, poses.translations)
-    placed = problem.solve(start, FitOptions(intrinsics=False, relation=False, warp=False))
+    placed = problem.solve(start, POSES_ONLY)
     stereo = StereoRig(rig.left, rig.right, Pose("right", "left", rig.R, rig.t))
     rows = []
     for view, both in zip(views, problem.residuals(placed), strict=True):

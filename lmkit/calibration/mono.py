@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
-from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
-from lmkit.calibration.cross_validation import FOLDS, HeldOut
+from lmkit.calibration.bundle_adjustment import NEARBY, ROUGHLY, FitOptions, Solution, StereoProblem
+from lmkit.calibration.cross_validation import FOLDS, POSES_ONLY, HeldOut, in_fold
 from lmkit.calibration.initialization import CameraStarts, board_poses
 from lmkit.calibration.intrinsics import intrinsics_vector, sigma_and_correlation
 from lmkit.calibration.sanity_checks import (
@@ -36,7 +36,6 @@ from lmkit.units import counted
 
 MIN_VIEWS = 3
 BAD_RMS_RATIO = 4.0
-POSES_ONLY = FitOptions(intrinsics=False, relation=False, warp=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +185,8 @@ def _fit(views: Sequence[PairView], object_points: FloatArray, camera: CameraMod
         np.array([started[k][0][1] for k in rows]),
     )
     problem = StereoProblem(object_points, [views[k] for k in rows])
-    solution = problem.solve(problem.solve(start, FitOptions(warp=False, covariance=False)), FitOptions())
+    flat = problem.solve(start, FitOptions(warp=False, converged=ROUGHLY, covariance=False))
+    solution = problem.solve(flat, FitOptions(damping=NEARBY))
     rms = problem.rms(solution)
     require_explained(float(np.median(rms)), camera.image_size, camera.model)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
@@ -211,7 +211,7 @@ def _hold_out(
     for k in range(FOLDS):
         seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         fitted = StereoProblem(object_points, [views[int(i)] for i in seen]).solve(
-            solution.with_poses(seen), FitOptions(covariance=False)
+            solution.with_poses(seen), in_fold(FitOptions())
         )
         problem = StereoProblem(object_points, [views[int(i)] for i in unseen])
         there = solution.with_poses(unseen)

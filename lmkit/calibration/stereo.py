@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from lmkit.arrays import FloatArray
 from lmkit.calibration.board_equations import POSE
-from lmkit.calibration.bundle_adjustment import FitOptions, Solution, StereoProblem
+from lmkit.calibration.bundle_adjustment import NEARBY, ROUGHLY, FitOptions, Solution, StereoProblem
 from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
 from lmkit.calibration.initialization import (
     AUTO,
@@ -349,12 +349,13 @@ def _fit(
     require_views(len(rows), rejected, MIN_PAIRS, "pairs")
     problem = StereoProblem(object_points, [views[int(k)] for k in rows])
     on_step(1, FITS)
-    solution, flat = start_solution(consensus, rows, left, right), replace(options, warp=False, covariance=False)
+    solution = start_solution(consensus, rows, left, right)
+    flat = replace(options, warp=False, converged=ROUGHLY, covariance=False)
     if np.isfinite(to_beat_px):
         solution = problem.solve(solution, replace(flat, iterations=FIRST_STEPS))
         if problem.mean_error(solution) > HOPELESS_RATIO * to_beat_px:
             return _Fit(rows.tolist(), [], np.nan, solution, None)
-    solution = problem.solve(problem.solve(solution, flat), options)
+    solution = problem.solve(problem.solve(solution, flat), replace(options, damping=NEARBY))
     rms = problem.rms(solution)
     good = rms <= BAD_RMS_RATIO * np.median(rms)
     residual_ratios = {
