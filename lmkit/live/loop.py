@@ -128,7 +128,8 @@ class LiveLoop:
             self._stale.start()
         views, missing = self._with_expected(views, estimate, left_out, carried)
         events += self._blind.add(group.time_s, views, self._plainly_in_view(views, estimate, carried))
-        decision = self._publication.decide(group.time_s, estimate, missing, self._stale.doubt(group.time_s))
+        waits = self._stale.waits(group.time_s)
+        decision = self._publication.decide(group.time_s, estimate, missing, self._stale.doubt(), waits)
         events += self._mirror.add(group.time_s, seen, decision.status)
         if self._mirror.sentence:
             decision = Decision(PoseStatus.INCONSISTENT, self._mirror.sentence)

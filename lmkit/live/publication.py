@@ -44,12 +44,15 @@ class Publication:
         self._last_s = float("-inf")  # something agreed with the pose
         self.resets = 0
 
-    def decide(self, time_s: float, estimate: Estimate, missing: Sequence[LandmarkId], doubt: str = "") -> Decision:
+    def decide(
+        self, time_s: float, estimate: Estimate, missing: Sequence[LandmarkId], doubt: str = "", waits: str = ""
+    ) -> Decision:
         """Status of a step.
 
         Args:
             missing: landmarks that the pose puts plainly in view, and that were not read.
-            doubt: why the images may be old.
+            doubt: why the images must be old.
+            waits: why it is not known yet whether the images are old.
         """
         if estimate.restarted:
             self._confirmed = set()
@@ -75,6 +78,8 @@ class Publication:
         since = time_s - self._last_s
         if since > self._rule.coast_s:
             return Decision(PoseStatus.LOST, f"no landmark for {since:.1f} s")
+        if waits:
+            return Decision(PoseStatus.AMBIGUOUS, waits)
         if self._confirmed is not None:
             if len(self._confirmed) < self._rule.confirm:
                 names = ", ".join(map(str, sorted(self._confirmed))) or "nothing"

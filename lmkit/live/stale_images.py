@@ -127,11 +127,15 @@ class StaleImages:
         for camera, view in zip(self._cameras, self._views, strict=True):
             camera.anchor = view if view.corners else None
 
-    def doubt(self, time_s: float) -> str:
+    def doubt(self) -> str:
         """Why the pose of a step is not to be believed; empty where nothing speaks against it."""
         named = [camera.mounted.name for camera in self._cameras if camera.named]
-        if len(named) == len(self._cameras):
-            return f"camera {', '.join(named)} repeats an old image, or the wheels slip"
+        if len(named) < len(self._cameras):
+            return ""
+        return f"camera {', '.join(named)} repeats an old image, or the wheels slip"
+
+    def waits(self, time_s: float) -> str:
+        """What has to be seen yet before the pose of a start is believed; empty where it was seen."""
         if self._followed:
             return ""
         stood = self._stood_since is not None and (self._starts < 2 or time_s - self._stood_since >= STANDS_S)

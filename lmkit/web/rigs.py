@@ -110,7 +110,7 @@ def rig_of(data: bytes) -> Any:
 
 
 def describe_rig(project: Project) -> dict[str, Any]:
-    """Cameras of ``rig.yaml`` with their focal lengths, and how far apart they are."""
+    """Cameras of ``rig.yaml`` with their focal lengths, and how far each is from the first."""
     from lmkit.geometry.rig import mounted_cameras
 
     path = project.path(RIG)
@@ -119,7 +119,12 @@ def describe_rig(project: Project) -> dict[str, Any]:
         return {"cameras": [], "undo": undo, "mount": None}
     rig = lm.read_rig(path)
     cameras = [
-        {"name": c.name, "size": list(c.model.image_size), "focal_px": float(c.model.K[0, 0])}
+        {
+            "name": c.name,
+            "size": list(c.model.image_size),
+            "focal_px": float(c.model.K[0, 0]),
+            "apart_m": float(np.linalg.norm(c.T_camera_left.t)),
+        }
         for c in mounted_cameras(rig)
     ]
     mount = _mount_of(rig.T_base_left)

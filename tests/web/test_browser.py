@@ -149,6 +149,8 @@ def test_an_errand_from_print_to_map(furnished, open_page, project):
     page.get_by_role("button", name="Calibrate with guidance").click()
     page.get_by_text("10 pairs were enough for 5.0 mm").wait_for(timeout=200_000)
     _until((project / "rig.yaml").exists)
+    page.get_by_text("right from left").wait_for()
+    assert page.evaluate("Object.values(localStorage)") == ["chessboard:9x6:25mm"], "the board is remembered"
 
     page.goto(page.url.split("#")[0] + "#/recordings")
     page.get_by_role("button", name="Survey: build the map").click()
@@ -191,6 +193,9 @@ def test_a_run_that_starts_is_said_to_start(open_page):
     page.get_by_role("button", name="Watch a simulated robot").click()
     page.get_by_text("The run starts").wait_for()
     assert not page.get_by_text("Nothing runs live").count()
+    page.locator("svg.plan text.axis").first.wait_for()
+    letters = "[...document.querySelectorAll('svg.plan text')].map((t) => t.getBoundingClientRect().height)"
+    page.wait_for_function(f"Math.min(...{letters}) >= 13")  # in a column beside the image, too
     page.get_by_role("button", name="Stop").click()
     page.get_by_text("stopped", exact=True).wait_for()
 

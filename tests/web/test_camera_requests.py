@@ -46,6 +46,7 @@ def test_the_rig_is_replaced_and_undone(serve, tmp_path):
         assert page.get("/api/rig").json() == {"cameras": [], "undo": 0, "mount": None}
         shown = page.put("/api/rig", content=first).json()
         assert [c["name"] for c in shown["cameras"]] == ["left", "right"] and shown["undo"] == 1
+        assert [c["apart_m"] for c in shown["cameras"]] == pytest.approx([0.0, make_rig().baseline_m])
         text = (tmp_path / "room/rig.yaml").read_text()
         for wrong in (b"", b"\xff\xfe", b"{", other, b"- 1\n" * 9, b"a: &a [*a]", b"[" * 20_000, b"cameras: []"):
             reply = page.put("/api/rig", content=wrong)

@@ -6,10 +6,11 @@ const CHUNK = 40; // points of a piece of the trail; finished pieces are not dra
 
 export function livePlan(box) {
   const ellipse = ellipseOf([[0, 0], [0, 0]], [0, 0], 1, "robotsure"), robot = s("path", { class: "robot" }), path = s("g"), moving = s("g", null, ellipse, robot);
-  let map = { landmarks: [], walls: [] }, marks = new Map(), marked = new Map(), frame = null, unit = 1, reach = [], gain = 1, pieces = [], newest = null;
+  let map = { landmarks: [], walls: [] }, marks = new Map(), marked = new Map(), frame = null, unit = 1, reach = [], gain = 1, pieces = [], newest = null, across = 0;
 
   function still() {
-    const drawn = planOf(map.landmarks, { walls: map.walls, extra: reach, ellipses: false });
+    across = box.clientWidth; // 0 until the box is on the page
+    const drawn = planOf(map.landmarks, { walls: map.walls, extra: reach, ellipses: false, across });
     ({ unit, frame, marks } = drawn);
     marked = new Map();
     robot.setAttribute("d", `M${2.6 * unit},0 L${-1.5 * unit},${1.5 * unit} L${-0.8 * unit},0 L${-1.5 * unit},${-1.5 * unit} Z`);
@@ -66,6 +67,7 @@ export function livePlan(box) {
     reset() { reach = []; pieces = []; newest = null; path.replaceChildren(); still(); },
     draw(states, k) {
       const { state } = states[k];
+      if (!across && box.clientWidth) still();
       if (state.position) keepInside(state.position);
       mark(state);
       trail(states, k);

@@ -1,16 +1,18 @@
 // The plan view that Map and Live share: x to the right, y up, meters.
 import { s } from "./lib.js";
 
+const LETTER_PX = 7.2; // of a unit, so that the smallest letters have 12 px wherever the plan is drawn
+
 // Smallest and largest x and y of everything that the plan shows.
 export function frameOf({ landmarks, walls = [] }, extra = []) {
   const points = [...landmarks.map((l) => l.position), ...walls.flatMap((w) => [w.start, w.end]), ...extra], xs = points.map((p) => p[0]), ys = points.map((p) => p[1]);
   return points.length ? [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)] : [0, 4, 0, 3];
 }
 
-export function planOf(landmarks, { walls = [], doubts = {}, pins = {}, chosen = null, choose = null, extra = [], ellipses = true } = {}) {
+export function planOf(landmarks, { walls = [], doubts = {}, pins = {}, chosen = null, choose = null, extra = [], ellipses = true, across = 0 } = {}) {
   const [x0, x1, y0, y1] = frameOf({ landmarks, walls }, extra);
   const pad = 0.5 + 0.06 * Math.max(x1 - x0, y1 - y0), w = Math.max(x1 - x0, 1) + 2 * pad, hh = Math.max(y1 - y0, 1) + 2 * pad;
-  const left = x0 - pad, top = -(y1 + pad), unit = Math.max(w, hh) / (innerWidth < 720 ? 60 : 100);
+  const left = x0 - pad, top = -(y1 + pad), unit = Math.max(w, hh) / Math.min(100, Math.max(46, (across || innerWidth - 100) / LETTER_PX));
   const step = w > 40 ? 10 : w > 15 ? 5 : w > 6 ? 2 : 1;
   const lines = [];
   for (let x = Math.ceil(left / step) * step; x <= left + w; x += step) lines.push(s("line", { class: "gridline", x1: x, x2: x, y1: top, y2: top + hh }), axisLabel(x, left + w, top + hh, unit));

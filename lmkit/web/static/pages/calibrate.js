@@ -35,7 +35,9 @@ export async function show(stage) {
   // Two cameras are a pair; everything else shows both, until someone says otherwise.
   const other = (name) => (/^camera:/.test(name) ? cameras.find((c) => c !== name) ?? "" : "");
   const source = choice(sources, boards[0], () => { if (/^camera:/.test(second.value) || /^camera:/.test(source.value)) second.value = other(source.value); }), second = choice([["", BOTH], ...sources], other(boards[0]));
-  const board = h("input", { value: "chessboard:9x6:25mm", required: true, spellcheck: "false", autocomplete: "off" });
+  // Another square than that of the board makes every distance wrong, and no image shows it: what was given last stays.
+  const remembered = `board of ${project.path}`;
+  const board = h("input", { value: localStorage.getItem(remembered) ?? "chessboard:9x6:25mm", required: true, spellcheck: "false", autocomplete: "off" });
   const until = h("input", { value: "5", inputmode: "decimal" });
   const at = choice([["1", "1 m"], ["2", "2 m"], ["4", "4 m"], ["8", "8 m"]], "2");
   const tone = h("input", { type: "checkbox", checked: true });
@@ -56,6 +58,7 @@ export async function show(stage) {
       mine = null;
       const body = { source: source.value, second: second.value, board: board.value, until_mm: goal, at_m: Number(at.value) };
       follow(await api(`jobs/${verb}`, { method: "POST", body }));
+      localStorage.setItem(remembered, board.value);
       jobs.scrollIntoView({ block: "nearest" });
     } catch (error) { live.replaceChildren(); jobs.replaceChildren(trouble(error)); }
   };
@@ -115,7 +118,8 @@ function rigCard() {
       h("form", { class: "stack", onsubmit: (e) => { e.preventDefault(); change("rig/mount", () => ({ method: "PUT", body: body() }))(); } }, h("div", { class: "pairfields" }, inputs.map(([, input, label]) => field(label, input))), h("div", { class: "row" }, h("button", { type: "submit" }, "Save to rig.yaml"))));
   }
   function draw(rig) {
-    fill(card, h("h2", null, "rig.yaml"), rig.cameras.length ? h("dl", { class: "figures" }, rig.cameras.map((c) => h("div", null, h("dt", null, `${c.name}, ${c.size.join(" × ")}`), h("dd", null, `f ${c.focal_px.toFixed(0)} px`)))) : h("p", { class: "soft" }, "No rig yet: calibrate, or take a file that you have."),
+    fill(card, h("h2", null, "rig.yaml"), rig.cameras.length ? h("dl", { class: "figures" }, rig.cameras.map((c) => h("div", null, h("dt", null, `${c.name}, ${c.size.join(" × ")}`), h("dd", null, `f ${c.focal_px.toFixed(0)} px`))), rig.cameras.slice(1).map((c) => h("div", null, h("dt", null, `${c.name} from ${rig.cameras[0].name}`), h("dd", null, `${(1000 * c.apart_m).toFixed(1)} mm`)))) : h("p", { class: "soft" }, "No rig yet: calibrate, or take a file that you have."),
+      rig.cameras.length > 1 ? h("p", { class: "small soft" }, "Measure the distance between the lenses: if it differs, the board's squares are not as large as stated, and every distance is wrong by as much.") : null,
       rig.cameras.length ? mounting(rig.mount) : null,
       field(rig.cameras.length ? "Replace it by a file" : "Take a file", pick, "of lmkit, Kalibr, ROS or OpenCV"), rig.undo ? h("div", { class: "row" }, h("button", { type: "button", onclick: change("rig/undo", () => ({ method: "POST" })) }, "Undo")) : null, problem, rig.command ? command(rig.command) : null);
   }

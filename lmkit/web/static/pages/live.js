@@ -5,7 +5,7 @@ import { livePlan } from "../live_plan.js";
 
 const KEPT = 600; // states of the last minute
 const WORDS = {
-  ok: "Ok: the pose agrees with what is seen", ambiguous: "Ambiguous: another pose explains what is seen as well", imprecise: "Imprecise: poses half a meter away explain what is seen as well",
+  ok: "Ok: the pose agrees with what is seen", ambiguous: "Ambiguous: the pose is not sure yet", imprecise: "Imprecise: poses half a meter away explain what is seen as well",
   no_landmarks: "No landmarks: too few of the map are read", inconsistent: "Inconsistent: no pose explains what is read", swapped: "Swapped: left and right image are exchanged", lost: "Lost: the pose is not known",
 };
 const STALE_MS = 4000; // without a state, a run has ended or waits
@@ -106,7 +106,7 @@ export async function show(stage) {
   const [project, { cameras }] = await Promise.all([api("project"), api("cameras")]);
   const runs = h("div"), record = h("input", { type: "checkbox" });
   const idle = () => fill(box, empty("Nothing runs live", `${project.can_run ? "Start a run, or replay a recording" : "Connect a run to this page"}: the robot appears on the plan with its trail, and you see why a pose is or is not sure.`));
-  const starts = () => fill(box, empty("The run starts", "The first pose appears here when rig, map and cameras are read."));
+  const starts = (job) => fill(box, empty(job.waits_for ? "The run waits" : "The run starts", job.waits_for ? "Something else runs; the first pose appears here after it." : "The first pose appears here when rig, map and cameras are read."));
   const ends = (j) => { if (!shown) idle(); if (j.state !== "failed" && j.outputs.length) toast(`Recorded to ${j.outputs[0]}`); };
   const start = (source, second = () => "") => async () => {
     const body = { source: typeof source === "string" ? source : source(), second: second(), record: record.checked };
@@ -114,8 +114,9 @@ export async function show(stage) {
       // A run from cameras has no end of its own.
       for (const j of (await api("jobs")).jobs) if (goes(j)) await api(`jobs/${j.id}/cancel`, { method: "POST" }).catch(() => null);
       reset();
-      runs.replaceChildren(jobView(await api("jobs/run", { method: "POST", body }), { done: ends }));
-      if (!shown) starts();
+      const job = await api("jobs/run", { method: "POST", body });
+      runs.replaceChildren(jobView(job, { done: ends }));
+      if (!shown) starts(job);
       runs.querySelector("[data-key=cancel]")?.focus();
     } catch (error) { runs.replaceChildren(trouble(error)); }
   };
@@ -130,7 +131,7 @@ export async function show(stage) {
     button("Watch a simulated robot", "sim:"),
   ];
   const ongoing = (await api("jobs")).jobs.find(goes);
-  if (!shown) (ongoing ? starts : idle)();
+  if (!shown) { if (ongoing) starts(ongoing); else idle(); }
   stage.append(...heading("Live", "The pose while it happens, and the last minute to look back at."), h("section", { class: "card stack" }, h("h2", null, "Runs"), byCameras, h("div", { class: "row" }, buttons),
     project.can_run ? h("label", { class: "check" }, record, "Record the next run to runs/, to replay it later") : null, runs), box);
   const watch = setInterval(() => { if (performance.now() - newest > STALE_MS) draw(); }, 1000);
