@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from lmkit.model.observation import Detection
 
 MOST_ENLARGED = 16
+COLORS_EVERY = 32  # empty images, of which one is searched again for swapped colors
 
 
 class Detector:
@@ -67,7 +68,8 @@ class Detector:
             require_type(camera, CameraModel, "camera", hint)
         options = detect_options(families, camera, profile, strictness)
         self.options = replace(options, inverted_tags=inverted_tags)
-        self._silent = False
+        self._silent = not options.ring_families  # nothing more is to be said of colors
+        self._empty = 0
 
     def detect(self, image: ImageLike, near: Sequence[Detection] | FloatArray | None = None) -> Detections:
         """Detections of one image, largest first.
@@ -85,8 +87,15 @@ class Detector:
         pixels = as_image(image)
         corners = None if near is None else _corners_of(near)
         found = detect_landmarks(pixels, self.options, corners)
-        if not found and near is None and not self._silent:
-            self._silent = _warn_of_colors(pixels, self.options)
+        if not self._silent:
+            colored = {family.name for family in self.options.ring_families}
+            if any(detection.id.family in colored for detection in found):
+                self._silent = True
+            elif not found and near is None:
+                self._empty += 1
+                # The first images, then fewer: each of these is searched twice.
+                if self._empty & (self._empty - 1) == 0 or self._empty % COLORS_EVERY == 0:
+                    self._silent = _warn_of_colors(pixels, self.options)
         return Detections(found, (pixels.shape[1], pixels.shape[0]))
 
 
@@ -227,8 +236,6 @@ def _warn_of_colors(image: ByteArray, options: DetectOptions) -> bool:
     from lmkit.detection.detector import detect_landmarks
     from lmkit.detection.windows import is_colorless
 
-    if is_colorless(image) and not options.ring_families:
-        return False
     if is_colorless(image):
         warnings.warn(ImageWarning(GRAY), stacklevel=4)
         return True

@@ -135,7 +135,7 @@ class StaleImages:
         return f"camera {', '.join(named)} repeats an old image, or the wheels slip"
 
     def waits(self, time_s: float) -> str:
-        """What has to be seen yet before the pose of a start is believed; empty where it was seen."""
+        """Sentence on what must still be seen before the pose of a start is believed; empty if it was seen."""
         if self._followed:
             return ""
         stood = self._stood_since is not None and (self._starts < 2 or time_s - self._stood_since >= STANDS_S)

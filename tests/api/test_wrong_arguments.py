@@ -202,3 +202,30 @@ def test_a_gray_array_is_warned_of_once(given: Any) -> None:
         lmkit.detect(gray)
         lmkit.draw(gray)
     assert len(seen) == 1
+
+
+def test_empty_images_are_searched_for_swapped_colors_now_and_then(
+    given: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import lmkit.detection.detector
+
+    searched: list[np.ndarray] = []
+    search = lmkit.detection.detector.detect_landmarks
+    monkeypatch.setattr(
+        lmkit.detection.detector,
+        "detect_landmarks",
+        lambda image, *rest: searched.append(image) or search(image, *rest),
+    )
+    empty = np.full((64, 64, 3), (90, 60, 30), np.uint8)
+    detector = lmkit.Detector()
+    for _ in range(64):
+        detector.detect(empty)
+    assert len(searched) - 64 == 7  # 1, 2, 4, 8, 16, 32, 64
+    for settled in (lmkit.Detector("tag36h11"), lmkit.Detector()):
+        settled.detect(given.image)  # landmarks were found: red is red
+        searched.clear()
+        for _ in range(5):
+            settled.detect(empty)
+        assert len(searched) == 5
+    with pytest.warns(lmkit.ImageWarning, match="swapped"):
+        lmkit.Detector().detect(np.ascontiguousarray(given.image[:, :, ::-1]))
