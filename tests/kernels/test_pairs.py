@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from kernel_pairs import LENSES, PAIRS, PRIOR, Pair, corners_in_view, small_rotations
+from kernel_pairs import LENSES, PAIRS, PRIOR, Pair, arrays, corners_in_view, small_rotations
 
 from lmkit.kernels import load
 from lmkit.kernels.lens import corners_through_lens, corners_through_lens_numpy
@@ -24,10 +24,6 @@ from lmkit.kernels.reprojection import (
 from lmkit.kernels.square_pose import square_poses, square_poses_numpy
 
 needs_library = pytest.mark.skipif(load.library() is None, reason=load.describe())
-
-
-def arrays(result: Any) -> list[np.ndarray]:
-    return [np.asarray(part) for part in (result if isinstance(result, tuple) else (result,)) if part is not None]
 
 
 def doubled(argument: Any) -> Any:

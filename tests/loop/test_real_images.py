@@ -26,7 +26,7 @@ from lmkit.pipelines.board_views import find_board_pairs
 BOARD = BoardSpec.parse("chessboard:9x6:30mm")
 SIDE_M = 0.15
 MIN_SIDE_PX = 25
-S = 3  # oversampling of the painting
+S = 2  # oversampling of the painting, which is blurred by 0.8 px
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ def _painted_window(image, camera, T_camera_landmark, code, window):
     # The photograph's own white and sharpness: its bright squares, and 0.8 px of blur.
     layer = cv2.GaussianBlur(layer, (0, 0), 0.8 * S).reshape(height, S, width, S, 3).mean(axis=(1, 3))
     alpha = cv2.GaussianBlur(face, (0, 0), 0.8 * S).reshape(height, S, width, S).mean(axis=(1, 3))[:, :, None]
-    light = to_linear(np.percentile(image, 97) * np.ones(1))[0]
+    light = to_linear(np.uint8([np.percentile(image, 97)])).item()
     under = image[y0:y1, x0:x1]
     painted = to_code_values(layer * light + to_linear(under) * (1 - alpha)).astype(np.float32)
     # The photograph's own noise, taken from its own pixels.

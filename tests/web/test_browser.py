@@ -21,7 +21,7 @@ CHROMIUM = next((p for name in ("chromium", "chromium-browser", "google-chrome")
 MOST_BYTES = 500_000
 FIRST_PAINT_MS = 1000
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.slow(seconds=60),
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (apt-get install chromium)"),
 ]
 
