@@ -74,6 +74,7 @@ def run(
     from lmkit.localization.absolute_pose import LocateOptions
     from lmkit.pipelines.locate_images import locate_in_sources, located_dict, located_line, with_times
     from lmkit.pipelines.locate_results import LocateResults
+    from lmkit.units import counted
 
     for_readings: dict[str, object] = {"--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None}
     for_scans: dict[str, object] = {
@@ -143,4 +144,4 @@ def run(
     if results.located and results.contradicted_map is not None:
         warn(results.contradicted_map)
     if results.located == 0:
-        raise NegativeAnswer("not_located", f"no pose from {len(results.answers)} frames", results.advice)
+        raise NegativeAnswer("not_located", f"no pose from {counted(len(results.answers), 'frame')}", results.advice)

@@ -16,12 +16,15 @@ from lmkit.io.images import read_image
 from lmkit.io.trajectory import poses_to_tum
 from lmkit.localization.base_pose import with_base
 from lmkit.localization.contradicted_prior import OPENING
+from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 from lmkit.pipelines.annotated import AnnotatedFolder
 from lmkit.pipelines.locate_images import LOCATED_COLUMNS, Located, located_dict, located_row
 from lmkit.units import counted
 from lmkit.visualization.overlay import draw_located
+
+MOST_NAMED = 5
 
 
 @dataclass
@@ -41,6 +44,7 @@ class LocateResults:
     annotate: Path | None = None
     force: bool = False
     answers: list[Located] = field(default_factory=list)
+    _read: set[LandmarkId] = field(default_factory=set)
     _stack: ExitStack = field(default_factory=ExitStack)
     _annotated: AnnotatedFolder | None = None
 
@@ -62,6 +66,7 @@ class LocateResults:
             shown = with_base(located.estimate, self.rig) if self.frame == "base" else located.estimate
             drawn = draw_located(image, seen, self.rig.left, shown, self.landmarks, enlarge=1)
             self._annotated.add(located.left, drawn, located.time_s)
+        self._read.update(detection.id for seen in located.seen for detection in seen)
         self.answers.append(replace(located, image=None, seen=()))
 
     @property
@@ -111,7 +116,13 @@ class LocateResults:
         if self.swapped:
             return "swap LEFT and RIGHT"
         named = Counter(text for a in self.answers if a.estimate is not None for text in a.estimate.warnings)
-        return named.most_common(1)[0][0] if named else "check that landmarks of the map are in view"
+        if named:
+            return named.most_common(1)[0][0]
+        if self._read and not any(id_ in self.landmarks for id_ in self._read):
+            names = ", ".join(map(str, sorted(self._read)[:MOST_NAMED]))
+            more = f" and {len(self._read) - MOST_NAMED} more" if len(self._read) > MOST_NAMED else ""
+            return f"the images show {names}{more}, and the map has none of them: give the map of this place"
+        return "check that landmarks of the map are in view"
 
     def tum(self) -> str:
         """Poses with status ``ok``; frame numbers take the place of times unless all times are known."""

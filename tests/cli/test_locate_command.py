@@ -18,6 +18,8 @@ from lmkit.io.rig import rig_to_yaml
 from lmkit.io.trajectory import read_trajectory
 from lmkit.model.estimate import PoseEstimate
 from lmkit.model.landmark import LM8
+from lmkit.model.landmark_id import LandmarkId
+from lmkit.model.landmark_map import LandmarkMap
 from lmkit.pipelines.locate_images import Located
 from lmkit.pipelines.locate_results import LocateResults
 from lmkit.simulation.dataset import make_dataset, render_images
@@ -128,6 +130,18 @@ def test_a_map_of_another_place_is_named_though_some_frames_are_located(lmkit, r
     assert f"2 of 2 frames that saw two landmarks or more contradict the map: {cause}" in said(sure, off, off)
     assert "contradict" not in said(off, agree, agree)
     assert "contradict" not in said(sure, agree)
+
+
+def test_what_is_read_is_named_where_the_map_has_none_of_it(lmkit, room, tmp_path):
+    _, data = room
+    landmarks = data.scene.landmarks
+    unused = sorted(set(range(256)) - {m.code for m in landmarks})
+    elsewhere = [replace(m, id=LandmarkId(m.family, code)) for m, code in zip(landmarks, unused, strict=False)]
+    (tmp_path / "elsewhere.yaml").write_text(map_to_yaml(LandmarkMap(tuple(elsewhere))))
+    answer = lmkit("locate", *given(room)[:4], "--map", "elsewhere.yaml")
+    assert answer.code == 1
+    assert "no pose from 2 frames; the images show lm8:" in answer.err
+    assert "the map has none of them" in answer.err
 
 
 def test_nothing_is_overwritten(lmkit, room, tmp_path):
