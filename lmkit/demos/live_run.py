@@ -12,6 +12,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.geometry.planar import wrap_heading
+from lmkit.geometry.stereo_rig import ahead_of
 from lmkit.io.files import write_file
 from lmkit.live.loop import LiveLoop
 from lmkit.live.open_run import open_run
@@ -116,14 +117,12 @@ def _plan(loop: LiveLoop, states: list[LiveState]) -> bytes:
     true = np.array([s.truth.t[:2] for s in states if s.truth is not None])
     believed = np.array([s.T_map_base.t[:2] for s in states if s.T_map_base is not None])
     lines = [Polyline(true, GREEN, "truth", 7), Polyline(believed, BLUE, "published", 3)]
-    T_base_left = loop.rig.T_base_left
     found = []
     for k in range(0, len(states), max(1, len(states) // SHOWN)):
         pose, C = states[k].T_map_base, states[k].covariance
         assert pose is not None
         assert C is not None
-        camera = pose if T_base_left is None else pose @ T_base_left
-        found.append(Found("", camera, C[:2, :2]))
+        found.append(Found("", ahead_of(pose), C[:2, :2]))
     return draw_plan(loop.landmarks, found, size_m=ROOM_M, title="Live run", polylines=lines)
 
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lmkit.demos import live_run
 from lmkit.errors import InputError, InputWarning
 from lmkit.geometry.planar import planar_pose
 from lmkit.live.captures import PipeCapture, SourceLost, take_jpeg
@@ -81,6 +82,21 @@ def test_poses_of_corners_are_right_and_their_covariance_holds():
     ]
     assert np.mean(nees) < 3
     assert all(np.linalg.eigvalsh(s.covariance).min() > 0 for s in states if s.covariance is not None)
+
+
+def test_the_robots_on_the_plan_stand_on_their_path(monkeypatch):
+    simulated = SimulatedRun(parse_source("sim:?seconds=3&speed=max&images=no&seed=1"))
+    loop = LiveLoop(simulated.course.rig, simulated.course.landmarks, LoopSettings("wheels"))
+    run = LiveRun(loop, StepFeed("sim", simulated.groups()))
+    states: list[LiveState] = []
+    run.listeners.append(states.append)
+    run.run()
+    drawn = {}
+    monkeypatch.setattr("lmkit.demos.live_run.draw_plan", lambda _, found, **rest: drawn.update(rest, found=found))
+    live_run._plan(loop, published(states))
+    path = drawn["polylines"][1].points
+    assert drawn["found"]
+    assert all((np.linalg.norm(path - one.pose.t[:2], axis=1) < 1e-9).any() for one in drawn["found"])
 
 
 @pytest.mark.slow
