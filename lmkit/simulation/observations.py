@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
+from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, mounted_cameras
@@ -71,14 +71,17 @@ def _seen(
     noise_px: float | None,
     rng: np.random.Generator,
 ) -> Iterator[Detection]:
-    for landmark, chance in zip(landmarks, luck, strict=True):
+    for k in np.flatnonzero(_in_view(landmarks, camera, T)).tolist():
+        landmark, chance = landmarks[k], luck[k]
         points = T.apply(landmark.corners_map)
-        corners = _project(points, camera)
         center = points.mean(axis=0)
         facing = float(-(T.R @ landmark.T_map_landmark.R[:, 2]) @ center / np.linalg.norm(center))
-        if corners is None or facing <= 0:
+        if facing <= 0:
             continue
-        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+        corners = camera.project(points)
+        if not camera.contains(corners).all():
+            continue
+        sides = np.linalg.norm(corners - corners[[3, 0, 1, 2]], axis=1)
         if noise_px is None:
             side = np.array(sides.mean())
             if chance >= recognized(side, np.arccos(facing), half_read_px(landmark.id.family)):
@@ -93,13 +96,10 @@ def _seen(
         yield Detection(landmark.id, noisy, 0.99, 50.0, covariance=C)
 
 
-def _project(points: FloatArray, camera: CameraModel) -> FloatArray | None:
-    """(4,2) corners, or None where they are not wholly in the image."""
-    if points[:, 2].min() < NEAREST_M:
-        return None
+def _in_view(landmarks: Sequence[MappedLandmark], camera: CameraModel, T: Pose) -> BoolArray:
+    """(N,) whether all corners are before the camera and near its field of view, in which projections are right."""
+    points = T.apply(np.array([m.corners_map for m in landmarks]).reshape(-1, 3)).reshape(-1, 4, 3)
+    ahead = points[..., 2].min(axis=1) >= NEAREST_M
     # Far outside the image the distortion folds back into it.
-    limit = np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
-    if (np.abs(points[:, :2] / points[:, 2:]) > 0.75 * limit).any():
-        return None
-    corners = camera.project(points)
-    return corners if camera.contains(corners).all() else None
+    limit = 0.75 * np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
+    return np.asarray(ahead & (np.abs(points[..., :2]) <= limit * points[..., 2:]).all(axis=(1, 2)))

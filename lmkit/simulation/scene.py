@@ -287,8 +287,9 @@ def _sheet_texture(family: MarkerFamily, code: int) -> tuple[Float32Array, int]:
     # As many texels on either side, or the face would stand half a texel (0.1 mm) beside the landmark's place.
     least_mm = family.side_mm + 2 * family.margin_mm
     beside, above = (round((max(length, least_mm) / family.side_mm - 1) * side / 2) for length in (210, 297))
-    paper = ((above, above), (beside, beside), (0, 0))
-    return np.pad(face * np.float32(0.9), paper, constant_values=np.float32(0.9)), side
+    sheet = np.full((side + 2 * above, side + 2 * beside, 3), 0.9, dtype=np.float32)
+    np.multiply(face, np.float32(0.9), out=sheet[above : above + side, beside : beside + side])
+    return sheet, side
 
 
 @lru_cache(maxsize=8)
