@@ -29,7 +29,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, OdometryPath, ReckonedPose, ReckonedPoses
-from lmkit.odometry.motion_model import Motion
+from lmkit.odometry.motion_model import BoundedMotion, Motion
 
 SETTLING = 4  # steps of bundle adjustment after each round
 SETTLED_SHARE = 1e-3  # of the cost: the next round moves everything further than that
@@ -160,6 +160,8 @@ class _Search:
         self.placed = {key: anchor.landmark for key, anchor in self.anchors.items()}
         times = np.array([frame.time_s for frame in self.frames])
         self.path = None if self.motion is None else OdometryPath.of(times, self.rig, self.motion)
+        # Velocities are found once everything has its place.
+        self.expected = self.motion or BoundedMotion(times, most_knots=0)
 
     def run(self) -> None:
         """Round by round, until nothing comes anew."""
@@ -191,7 +193,7 @@ class _Search:
     def optimize(self) -> None:
         """A few steps of bundle adjustment, so that errors do not add up from round to round."""
         start = Start(self.poses, self.placed, self.anchors, recorded=self.recorded)
-        problem = start.problem(self.frames, self.rig, self.motion)
+        problem = start.problem(self.frames, self.rig, self.expected)
         problem.optimize(SETTLING, SETTLED_SHARE)
         for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
             self.poses[k] = Pose("map", "left", orthonormal(R), p)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from scipy.special import bdtr
 
 from lmkit.arrays import FloatArray
-from lmkit.mapping.reading_rate import LocatedFrames, neighbors_read
+from lmkit.mapping.reading_rate import LocatedFrames, most_neighbors, neighbors_read
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.landmark_overlap import overlaps
@@ -80,15 +80,20 @@ def doubtful_landmarks(
         if few <= RARE * many or (few <= RARE_BETWEEN * many and between >= BETWEEN * few):
             found[rare] = f"it was read in {few} frames in the place of {often}, which was read in {many}"
     for m in landmarks:
-        if m.id in known or m.id in found:
+        if m.id in known or m.id in found or _is_read_steadily(*most_neighbors(m.id, recordings)):
             continue
         beside, read = neighbors_read(m, recordings)
-        if bdtr(read, beside, STEADY) < BY_CHANCE:
+        if not _is_read_steadily(beside, read):
             found[m.id] = (
                 f"of {beside} frames just before and after readings, in full view, only {read} read it: it may be a "
                 "print that looks like a landmark, or be dirty or damaged"
             )
     return tuple(KeptOut(id_, reason) for id_, reason in sorted(found.items()))
+
+
+def _is_read_steadily(beside: int, read: int) -> bool:
+    """So many frames read a landmark of those that should.  Of fewer, as many are no less steady."""
+    return bool(bdtr(read, beside, STEADY) >= BY_CHANCE)
 
 
 def _between(times: Sequence[FloatArray], others: Sequence[FloatArray]) -> int:

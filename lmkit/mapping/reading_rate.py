@@ -57,6 +57,13 @@ class LocatedFrames:
         """Times of the frames in which an observation fits a landmark."""
         return np.asarray(self.times_s[self.read.get(id_, np.zeros(0, dtype=np.int64))])
 
+    def beside(self, id_: LandmarkId) -> tuple[IntArray, BoolArray]:
+        """(K,) frames next to a reading of a landmark, and which of them read it."""
+        own = self.read.get(id_, np.zeros(0, dtype=np.int64))
+        beside = (own[:, None] + NEIGHBORS).ravel()
+        frames = np.unique(beside[(beside >= 0) & (beside < len(self.times_s))])
+        return frames, np.isin(frames, own)
+
     def readable(self, landmark: MappedLandmark, frames: IntArray) -> BoolArray:
         """(K,) in which frames a camera shows a landmark so that it is read nearly always."""
         answer = np.zeros(len(frames), dtype=bool)
@@ -83,10 +90,13 @@ def neighbors_read(landmark: MappedLandmark, recordings: Iterable[LocatedFrames]
     """How many frames next to a reading of a landmark should read it as well, and how many do; each counts once."""
     expected = read = 0
     for recording in recordings:
-        own = recording.read.get(landmark.id, np.zeros(0, dtype=np.int64))
-        beside = (own[:, None] + NEIGHBORS).ravel()
-        frames = np.unique(beside[(beside >= 0) & (beside < len(recording.times_s))])
-        is_read = np.isin(frames, own)
+        frames, is_read = recording.beside(landmark.id)
         expected += int((recording.readable(landmark, frames) | is_read).sum())
         read += int(is_read.sum())
     return expected, read
+
+
+def most_neighbors(id_: LandmarkId, recordings: Iterable[LocatedFrames]) -> tuple[int, int]:
+    """Results of `neighbors_read` if each of those frames should read the landmark; nothing is projected."""
+    reads = [recording.beside(id_)[1] for recording in recordings]
+    return sum(map(len, reads)), sum(int(is_read.sum()) for is_read in reads)

@@ -88,14 +88,15 @@ class BoundedMotion:
 
     Args:
         times_s: of the frames.
+        most_knots: at most so many; with none, the rig is expected at rest.
     """
 
     names: tuple[str, ...] = ()  # no odometry that could be wrong
     of_base = False
 
-    def __init__(self, times_s: FloatArray) -> None:
+    def __init__(self, times_s: FloatArray, most_knots: int = MOST_KNOTS) -> None:
         first_s, last_s = (times_s[0], times_s[-1]) if len(times_s) else (0.0, 0.0)
-        count = 1 + min(int((last_s - first_s) / LEAST_KNOT_S), MOST_KNOTS - 1)
+        count = min(1 + int((last_s - first_s) / LEAST_KNOT_S), most_knots)
         self.knots_s = np.linspace(first_s, last_s, count)
         self.nominal = np.zeros(6 * count)
         self.prior_sigma = np.tile(np.repeat([SPEED_MPS, SPEED_RADPS], 3), count)
@@ -109,11 +110,12 @@ class BoundedMotion:
         place, turn = np.hypot(LEAST_STEP_M, SPEED_MPS * seconds), np.hypot(LEAST_STEP_RAD, SPEED_RADPS * seconds)
         R, t = self.between(times_s[:-1], times_s[1:], parameters)
         knots, weights = self._weights(times_s[:-1], times_s[1:])
+        wide = 6 * knots.shape[1]
         return Steps(
             R,
             t,
-            (6 * knots[..., None] + np.arange(6)).reshape(-1, 12),
-            (weights[:, None, :, None] * np.eye(6)[:, None]).reshape(-1, 6, 12),
+            (6 * knots[..., None] + np.arange(6)).reshape(len(knots), wide),
+            (weights[:, None, :, None] * np.eye(6)[:, None]).reshape(len(knots), 6, wide),
             np.repeat(np.column_stack([place, turn]), 3, axis=1),
             np.ones(len(seconds), dtype=bool),
         )
@@ -127,8 +129,10 @@ class BoundedMotion:
         return rotation_exp(moved[:, 3:]), moved[:, :3]
 
     def _weights(self, before_s: FloatArray, after_s: FloatArray) -> tuple[IntArray, FloatArray]:
-        """(K,2) the knots around each motion's middle, and seconds for which the velocity of each counts."""
+        """(K,2) the knots around each motion's middle, and seconds for which each counts; (K,0) without knots."""
         last = len(self.knots_s) - 1
+        if last < 0:
+            return np.zeros((len(before_s), 0), dtype=np.int64), np.zeros((len(before_s), 0))
         at = np.interp((before_s + after_s) / 2, self.knots_s, np.arange(last + 1.0))
         first = at.astype(np.int64)
         shares = np.column_stack([1 - (at - first), at - first])

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from lmkit.arrays import FloatArray, IntArray
@@ -118,8 +119,7 @@ class ChainEquations:
         Raises:
             numpy.linalg.LinAlgError: something is not determined at all.
         """
-        damped = self._damped(damping)
-        pieces, cuts = damped._without_pieces()
+        pieces, cuts = self._without_pieces(damping)
         at_cuts, y = cuts._solve_whole()
         states = np.empty_like(self.gradient)
         states[PIECE :: PIECE + 1] = at_cuts
@@ -137,7 +137,7 @@ class ChainEquations:
         Raises:
             numpy.linalg.LinAlgError: a state, or one of the first unknowns, is not determined at all.
         """
-        pieces, cuts = self._damped(damping)._without_pieces()
+        pieces, cuts = self._without_pieces(damping)
         return EliminatedChain(self.gradient.shape, pieces, cuts, own)
 
     def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -149,13 +149,6 @@ class ChainEquations:
         for piece in pieces:
             piece.covariances(*known, own, across)
         return own, across, known[3]
-
-    def _damped(self, damping: float) -> ChainEquations:
-        diagonal, corner = self.diagonal.copy(), self.corner.copy()
-        for matrix in (diagonal, corner[None]):
-            k = np.arange(matrix.shape[1])
-            matrix[:, k, k] *= 1 + damping
-        return replace(self, diagonal=diagonal, corner=corner)
 
     def _border_of(self, states: IntArray) -> FloatArray:
         """(K,d,m) between some states and all that is shared."""
@@ -184,34 +177,39 @@ class ChainEquations:
         if self.blocks is not None:
             self.blocks.put(start, end, into[:, len(columns) :])
 
-    def _without_pieces(self) -> tuple[list[_Piece], ChainEquations]:
+    def _without_pieces(self, damping: float = 0.0) -> tuple[list[_Piece], ChainEquations]:
         """The pieces between the cuts, and the equations of the cuts alone once those are eliminated."""
         count, size = self.gradient.shape
         at = slice(PIECE, None, PIECE + 1)
+        damped = replace(self, diagonal=_damped(self.diagonal, damping))
         cuts = ChainEquations(
-            self.diagonal[at].copy(),
-            np.zeros((max(len(self.diagonal[at]) - 1, 0), size, size)),
+            damped.diagonal[at].copy(),
+            np.zeros((max(len(damped.diagonal[at]) - 1, 0), size, size)),
             self._border_of(np.arange(PIECE, count, PIECE + 1)),
-            self.corner.copy(),
+            _damped(self.corner[None], damping)[0],
             self.gradient[at].copy(),
             self.shared_gradient.copy(),
         )
         into = Cuts(cuts.diagonal, cuts.following, cuts.gradient, cuts.border, cuts.corner, cuts.shared_gradient)
         pieces, scratch = [], np.empty((2 * size + len(self.corner) + 1) ** 2)
         for number, first in enumerate(range(0, count, PIECE + 1)):
-            piece = _Piece.of(self, number, slice(first, min(first + PIECE, count)))
+            piece = _Piece.of(damped, number, slice(first, min(first + PIECE, count)))
             piece.take_from(into, scratch)
             pieces.append(piece)
         return pieces, cuts
 
     def _solve_whole(self) -> tuple[FloatArray, FloatArray]:
+        """Steps as of `solve`, without pieces; the corner is used up, since fresh memory of its size takes long."""
         count, size = self.gradient.shape
         if count == 0:
-            return self.gradient, _solved(self.corner, self.shared_gradient)
+            return self.gradient, _solved(self.corner.T, self.shared_gradient)
         factor, half = self._eliminated()
-        S = self.corner - half[:, :-1].T @ half[:, :-1]
-        y = _solved(S, self.shared_gradient - half[:, :-1].T @ half[:, -1])
-        return _backward(factor, half[:, -1] - half[:, :-1] @ y).reshape(count, size), y
+        border, right = half[:, :-1], half[:, -1]
+        y: FloatArray = self.shared_gradient - border.T @ right
+        if len(y):
+            S = dsyrk(-1.0, border.T, beta=1.0, c=self.corner.T, overwrite_c=True, lower=True)
+            y = _solved(S, y)
+        return _backward(factor, right - border @ y).reshape(count, size), y
 
     def _eliminated(self) -> tuple[FloatArray, FloatArray]:
         """The factor L of all states, and the inverse of L on the border and the gradient (N d,m+1)."""
@@ -354,25 +352,35 @@ class _Piece:
         C[inner:, :inner] = C[:inner, inner:].T
         inverse = np.eye(len(self.factor))
         forward_chain(self.factor, inverse)
-        F = inverse.T @ self.half
-        FC = F @ C
-        length = len(F) // size
-        mine = (inverse.T @ inverse + FC @ F.T).reshape(length, size, length, size)
-        with_cuts = -FC[:, :inner].reshape(length, size, count, size)
+        length = len(self.factor) // size
+        alone = (inverse.T @ inverse).reshape(length, size, length, size)
+        F = _backward(self.factor, self.half)
+        FC = (F @ C).reshape(length, size, -1)
+        back = F.reshape(length, size, -1).transpose(0, 2, 1)
+        with_cuts = -FC[:, :, :inner].reshape(length, size, count, size)
         k = np.arange(length)
         first, end = self.states.start, self.states.stop
-        all_own[self.states] = mine[k, :, k]
-        all_across[first : end - 1] = mine[k[:-1], :, k[1:]]
+        all_own[self.states] = alone[k, :, k] + FC @ back
+        all_across[first : end - 1] = alone[k[:-1], :, k[1:]] + FC[:-1] @ back[1:]
         if first > 0:
             all_across[first - 1] = with_cuts[0, :, 0].T
         if end < len(all_own):
             all_across[end - 1] = with_cuts[-1, :, -1]
 
 
+def _damped(matrices: FloatArray, damping: float) -> FloatArray:
+    """A copy of matrices (N,d,d) with their diagonals enlarged by a share."""
+    copy, k = matrices.copy(), np.arange(matrices.shape[1])
+    copy[:, k, k] *= 1 + damping
+    return copy
+
+
 def _solved(S: FloatArray, g: FloatArray) -> FloatArray:
+    """The inverse of S on g, of the lower triangle of S; S, with columns in a row, is used up."""
     if not len(g):
         return g
-    return np.asarray(cho_solve(cho_factor(S, overwrite_a=True, check_finite=False), g, check_finite=False))
+    factor = cho_factor(S, lower=True, overwrite_a=True, check_finite=False)
+    return np.asarray(cho_solve(factor, g, check_finite=False))
 
 
 def _inverse(S: FloatArray) -> FloatArray:
@@ -381,9 +389,10 @@ def _inverse(S: FloatArray) -> FloatArray:
     if failed:
         inverse = np.linalg.inv(S)
         return np.asarray((inverse + inverse.T) / 2)
-    inverse, _ = dpotri(factor, lower=False, overwrite_c=True)
-    lower = np.tril(inverse.T)
-    return np.asarray(lower + np.tril(lower, -1).T)
+    inverse, _ = dpotri(factor, lower=False, overwrite_c=True)  # zero below the diagonal, as the factor
+    whole = inverse + inverse.T
+    np.fill_diagonal(whole, inverse.diagonal())
+    return np.asarray(whole)
 
 
 def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:

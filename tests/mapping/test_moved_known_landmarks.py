@@ -185,6 +185,21 @@ def test_too_few_frames_are_no_landmark(times, known, out):
     assert all("--keep-doubtful" in str(one) for one in found)
 
 
+def test_only_what_may_be_read_too_rarely_is_looked_for_in_images(monkeypatch):
+    """Projecting every landmark into its neighboring frames took longer than all other checks of a survey."""
+    asked = []
+    monkeypatch.setattr(
+        LocatedFrames, "readable", lambda self, m, frames: asked.append(m.id.code) or np.ones(len(frames), dtype=bool)
+    )
+    times, rarely = np.arange(30.0), np.arange(0, 30, 5)
+    nowhere = PoseArray("map", "left", np.tile(np.eye(3), (30, 1, 1)), np.zeros((30, 3)))
+    steady, doubted = mapped(1, 0.0), mapped(2, 5.0)
+    read = {steady.id: np.arange(10, 20), doubted.id: rarely}
+    recording = LocatedFrames(times, nowhere, drive().rig, np.ones((30, 2), dtype=bool), read)
+    assert [one.id for one in doubtful_landmarks([steady, doubted], [recording], ())] == [doubted.id]
+    assert asked == [doubted.id.code]
+
+
 @pytest.mark.parametrize("keep", [False, True])
 def test_one_misreading_of_one_frame_is_kept_out_of_the_map_and_named(seen, keep):
     made, wrong = drive(), LandmarkId("lm8", next(c for c in range(256) if LandmarkId("lm8", c) not in SIZES))

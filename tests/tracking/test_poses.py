@@ -57,6 +57,12 @@ def test_derivatives_are_those_of_the_motions(motion, at):
         assert by_parameter[:, 3:] == pytest.approx(turned, rel=0.02, abs=5e-3)
 
 
+def test_without_knots_a_rig_is_expected_at_rest():
+    steps = BoundedMotion(np.array([0.0, 13.0]), most_knots=0).steps(np.array([0.5, 0.9, 2.2]), np.zeros(0))
+    assert (np.eye(3) == steps.R).all() and not steps.t.any()
+    assert steps.parameters.shape == (2, 0) and steps.by_parameters.shape == (2, 6, 0)
+
+
 def test_beyond_its_ends_odometry_says_nothing():
     steps = PoseMotion(winding()).steps(np.array([1.0, 2.0, 6.0]), np.array([1.0, 0.0]))
     assert steps.known.tolist() == [True, False]
