@@ -37,7 +37,7 @@ def run(
         str,
         typer.Option(
             "--model",
-            help="pinhole, rational, fisheye, radtan (Kalibr's) or auto (by held-out images); LEFT,RIGHT: two.",
+            help="pinhole, rational, fisheye, radtan (Kalibr's) or auto (by held-out error); or LEFT,RIGHT.",
         ),
     ] = "auto",
     baseline: Annotated[

@@ -25,13 +25,13 @@ def run(
         bool, typer.Option("--drive", help="Instead: survey the first half of a recording, track the second.")
     ] = False,
     navigate: Annotated[
-        bool, typer.Option("--navigate", help="Instead: plan where to mount landmarks, then navigate by them.")
+        bool, typer.Option("--navigate", help="Instead: plan where to mount landmarks, then navigate with them.")
     ] = False,
     rig: Annotated[
-        bool, typer.Option("--rig", help="Instead: five cameras without overlap, placed by driving, then tracked.")
+        bool, typer.Option("--rig", help="Instead: find the poses of five cameras by driving, then track the robot.")
     ] = False,
     live: Annotated[
-        bool, typer.Option("--run", help="Instead: the live loop for 20 seconds, against the truth.")
+        bool, typer.Option("--run", help="Instead: run live for 20 seconds and compare the poses with the truth.")
     ] = False,
     seconds: Annotated[float, typer.Option("--seconds", help="With --run: duration, seconds.")] = 20.0,
     images: Annotated[

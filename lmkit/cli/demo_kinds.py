@@ -28,7 +28,7 @@ def show_rig(folder: Path, seed: int, landmarks: int) -> None:
     """Place five cameras by driving, then locate and track with them."""
     from lmkit.demos.five_cameras import run_rig_demo
 
-    print_line("simulated corners (0.15 px), wheels and gyro; five cameras without overlap, placed by driving:")
+    print_line("simulated corners (0.15 px), wheels and gyro; five cameras without overlap, poses found by driving:")
     for line in run_rig_demo(folder, seed, landmarks).table:
         print_line(line)
     print_line(f"see {folder / 'plan.png'}, {folder / 'rig.yaml'}, {folder / 'trajectory.tum'}")
@@ -63,7 +63,7 @@ def show_live(folder: Path, seconds: float, seed: int) -> None:
 
 
 def show_navigate(folder: Path, seed: int, from_images: bool) -> None:
-    """Plan where to mount landmarks, then navigate by them."""
+    """Plan where to mount landmarks, then navigate with them."""
     from lmkit.demos.navigate import run_navigate_demo
 
     with ProgressBars() as bars:

@@ -36,10 +36,10 @@ def run(
         bool, typer.Option("--strict", help="Fewer wrong codes; rejects more small and blurred landmarks.")
     ] = False,
     eager: Annotated[
-        bool, typer.Option("--eager", help="More small and blurred landmarks; more wrong codes.")
+        bool, typer.Option("--eager", help="Read more small and blurred landmarks; more codes are wrong.")
     ] = False,
     inverted: Annotated[
-        bool, typer.Option("--inverted", help="Also AprilTags and ArUco markers in white on black.")
+        bool, typer.Option("--inverted", help="Also read AprilTags and ArUco markers in white on black.")
     ] = False,
     jobs: options.Jobs = None,
     force: options.Force = False,

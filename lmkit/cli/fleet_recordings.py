@@ -23,7 +23,7 @@ Shard = Annotated[
 ]
 Retry = Annotated[bool, typer.Option("--retry", help="Run failed jobs again.")]
 Family = Annotated[str, typer.Option("--family", help="Landmark families to detect, such as lm8,tag36h11.")]
-Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if file names hold no times.")]
+Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if file names contain no times.")]
 
 
 def scan(

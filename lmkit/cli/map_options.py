@@ -26,7 +26,7 @@ KnownSigma = Annotated[
     ),
 ]
 KeepDoubtful = Annotated[
-    bool, typer.Option("--keep-doubtful", help="Keep landmarks that one frame alone shows, and other rare readings.")
+    bool, typer.Option("--keep-doubtful", help="Keep doubtful codes in the map, such as those read in one frame.")
 ]
 
 

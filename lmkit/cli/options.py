@@ -12,7 +12,7 @@ Images = Annotated[
     list[str] | None,
     typer.Argument(
         help="Images of each camera of the rig: folder, glob or video (split:VIDEO of both side by side); or a "
-        "folder that holds a recording."
+        "recording folder."
     ),
 ]
 DetectionsFile = Annotated[
@@ -27,7 +27,7 @@ OdometryFile = Annotated[
 ]
 GyroFile = Annotated[Path | None, typer.Option("--gyro", help="CSV file of the gyro's yaw rate.")]
 WheelTrack = Annotated[str | None, typer.Option("--wheel-track", help="Distance between the wheels, such as 0.4m.")]
-Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if file names hold no times.")]
+Hz = Annotated[float | None, typer.Option("--hz", help="Frames per second, if file names contain no times.")]
 
 # Rigs, maps, floors, robots.
 _RIG = typer.Option(
@@ -60,7 +60,7 @@ Islands = Annotated[
     str,
     typer.Option(
         "--islands",
-        help="Small closed shapes, such as text, are obstacles, ignore or walls. By number: ignore:1-4,walls:5.",
+        help="Treat small closed shapes as obstacles, ignore or walls. By number: ignore:1-4,walls:5.",
     ),
 ]
 ThinLines = Annotated[
@@ -96,7 +96,7 @@ PositionError = Annotated[str, typer.Option("--error", help="Required position e
 HeadingError = Annotated[float, typer.Option("--heading", help="Required heading error (root mean square), degrees.")]
 InView = Annotated[int, typer.Option("--in-view", help="Number of landmarks that must be in view at once.")]
 Headings = Annotated[
-    float, typer.Option("--headings", help="Percentage of headings for which the requirement must hold at a place.")
+    float, typer.Option("--headings", help="Percentage of headings at a place that must meet the requirement.")
 ]
 
 # Results.

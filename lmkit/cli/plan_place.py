@@ -31,7 +31,7 @@ def run(
     in_view: options.InView = 2,
     headings: options.Headings = 25.0,
     share: Annotated[
-        float, typer.Option("--share", help="Percentage of the floor on which the requirement must hold.")
+        float, typer.Option("--share", help="Percentage of the floor that must meet the requirement.")
     ] = 90.0,
     family: options.OneFamily = "lm8",
     size: Annotated[

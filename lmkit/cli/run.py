@@ -60,7 +60,7 @@ def run(
         str | None,
         typer.Option(
             "--budget",
-            help="Latency to keep, such as 50ms. Above it, detection becomes faster and then skips images.",
+            help="Largest latency, such as 50ms. Above it, detection becomes faster, then images are skipped.",
         ),
     ] = None,
     coast: Annotated[

@@ -15,7 +15,7 @@ def run(
     folder: Annotated[Path, typer.Argument(help="Project folder; created if missing.")] = Path(),
     host: Annotated[
         str,
-        typer.Option("--host", help="Address to listen on. 0.0.0.0 admits phones in the same network, by a token."),
+        typer.Option("--host", help="Address to listen on. 0.0.0.0 lets phones in the network connect with a token."),
     ] = "127.0.0.1",
     port: Annotated[int | None, typer.Option("--port", help="Port. Default: the first free one from 8600.")] = None,
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
