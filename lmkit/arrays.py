@@ -32,7 +32,7 @@ def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
     if not fits:
         raise ValueError(f"{what} has shape {have}, expected {shape}")
     if not np.isfinite(array).all():
-        raise ValueError(f"{what} holds values that are not finite")
+        raise ValueError(f"{what} contains values that are not finite")
     array.setflags(write=False)
     return array
 

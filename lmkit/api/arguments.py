@@ -164,7 +164,7 @@ def as_rate(hz: float | None) -> float | None:
         InputError: not a positive number.
     """
     if hz is not None and not (isinstance(hz, NUMBER) and 0 < hz < math.inf):
-        raise InputError("bad_rate", f"hz {hz!r} is not a number of frames a second", "give one above 0, such as 5")
+        raise InputError("bad_rate", f"hz {hz!r} is not a valid frame rate", "give frames per second, such as 5")
     return hz
 
 

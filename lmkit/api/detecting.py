@@ -137,11 +137,11 @@ def _corners_of(near: Sequence[Detection] | FloatArray) -> FloatArray:
     try:
         found = np.asarray(corners, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("bad_prediction", "near holds something else than detections", hint) from None
+        raise InputError("bad_prediction", "near contains values that are not detections", hint) from None
     if found.size and found.shape[1:] != (4, 2):
         raise InputError("bad_prediction", f"near has the shape {found.shape}", hint)
     if not np.isfinite(found).all():
-        raise InputError("bad_prediction", "near holds corners that are not finite", "leave those landmarks out")
+        raise InputError("bad_prediction", "near contains corners that are not finite", "leave those landmarks out")
     return found.reshape(-1, 4, 2)
 
 

@@ -100,7 +100,7 @@ def survey(
         doubt = odometry_doubt(recording.odometry, bundle.times_s, states)
         texts = [*([doubt] if doubt else []), *texts]
     if cause is not None:
-        texts.insert(0, f"the known landmarks contradict what was seen: {cause}")
+        texts.insert(0, f"the known landmarks contradict the observations: {cause}")
     texts = [*rig_warnings(cameras, "the rig"), *texts]
     return replace(result, landmarks=_with_history(result.landmarks, known), warnings=tuple(texts))
 

@@ -229,7 +229,7 @@ class StereoProblem:
             raise InputError(
                 "not_determined",
                 "no fit near this rig explains the pairs",
-                "check the rig's numbers, or calibrate anew",
+                "check the values in the rig file, or calibrate again",
             ) from None
         residuals = np.concatenate(self._whitened(s))
         weight = robust_weight(residuals, scale)

@@ -80,7 +80,7 @@ def models_by_camera(model: str, count: int) -> tuple[str, ...]:
     names = tuple(model.split(","))
     for name in names:
         if name not in MODELS:
-            hint = f"choose {', '.join(MODELS)} (--model); one for each camera is separated by commas"
+            hint = f"choose {', '.join(MODELS)} (--model); separate the models of several cameras by commas"
             raise InputError("bad_model", f"model {name} is unknown", hint)
     if len(names) not in (1, count):
         raise InputError(

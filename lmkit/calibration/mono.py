@@ -236,7 +236,7 @@ def _warnings(
 ) -> list[CalibrationWarning]:
     warnings = []
     if bad:
-        message = f"{len(bad)} of {total} images do not fit the camera that the others show; take them again"
+        message = f"{len(bad)} of {total} images do not agree with the others; take them again"
         warnings.append(CalibrationWarning("images_disagree", message, tuple(name for name, _ in bad)))
     assert camera.intrinsics_sigma is not None
     warnings += check_camera("", camera.model, camera.intrinsics_sigma, declared.field_deg)
@@ -246,7 +246,7 @@ def _warnings(
     if count < LEAST_VIEWS:
         warnings.append(CalibrationWarning("few_images", f"only {count} images; take {LEAST_VIEWS} to 30"))
     if cells.mean() < ENOUGH_CELLS:
-        message = f"the board covers {100 * cells.mean():.0f} % of the image; elsewhere its distortion is a guess"
+        message = f"the board covers {100 * cells.mean():.0f} % of the image; distortion is extrapolated elsewhere"
         warnings.append(CalibrationWarning("coverage", message))
     return warnings
 

@@ -65,27 +65,27 @@ def explain_disagreements(
     for k in bad:
         view = views[k]
         degrees, shift = agreement.off(k)
-        off = f"its cameras stand {degrees:.1f} deg and {shift * 1000:.0f} mm off the others'"
+        off = f"its relative pose is off by {degrees:.1f} deg and {shift * 1000:.0f} mm from the other pairs"
         noise = max(view.noise_left or 0.0, view.noise_right or 0.0)
         if k in mates:
-            cause = ("swapped", f"its right image belongs to the left one of {views[mates[k]].name}: swapped")
+            cause = ("swapped", f"its right image matches the left image of {views[mates[k]].name}: swapped")
         elif k in moved:
             group, turned = moved[k]
             others = ", ".join(views[j].name for j in group if j != k)
-            cause = ("moved", f"it and {others} agree on cameras turned by {turned:.1f} deg: the rig was moved")
+            cause = ("moved", f"in it and {others}, the cameras are rotated by {turned:.1f} deg: the rig was moved")
         elif noise > BLUR_RATIO * middle_noise:
             cause = (
                 "blur",
-                f"its corners scatter by {noise:.2f} px, {noise / middle_noise:.0f} times the others': blurred",
+                f"its corner noise is {noise:.2f} px, {noise / middle_noise:.0f} times that of the others: blurred",
             )
         elif agreement.relations[k].rms_px > ONE_CAMERA_RATIO * middle_rms:
             rms = agreement.relations[k].rms_px
             cause = (
                 "distorted",
-                f"one camera alone misses a flat board by {rms:.2f} px: a reflection, a warped or another board",
+                f"one camera's corners are {rms:.2f} px off a flat board: a reflection, a warped or another board",
             )
         elif k in residual_ratios:
-            cause = ("residual", f"its corners fit {residual_ratios[k]:.0f} times worse than the others'")
+            cause = ("residual", f"its residuals are {residual_ratios[k]:.0f} times those of the other pairs")
         else:
             cause = ("other_time", f"{off}: its two images are taken at different times, or of a mirror image")
         result.append(Disagreement(view.name, *cause))

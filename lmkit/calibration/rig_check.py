@@ -67,15 +67,15 @@ class RigCheck:
     def sentence(self) -> str:
         """The state in words."""
         if self.state == "true":
-            return "still true: no new fit does clearly better on pairs that it has not seen"
+            return "still valid: no new fit is clearly better on held-out pairs"
         axis = int(np.abs(self.turn_deg).argmax())
         motion = ("pitched", "yawed", "rolled")[axis]
         turned = f"the right camera has {motion} by {self.turn_deg[axis]:+.3f} ± {self.turn_sigma_deg[axis]:.3f} deg"
         if self.state == "moved":
-            return f"no longer true: {turned} to the left one; recalibrate"
+            return f"no longer valid: {turned} to the left one; recalibrate"
         assert self.focal_change is not None
         left, right = (f"{100 * change:+.2f} %" for change in self.focal_change)
-        return f"no longer true: the lenses have changed (focal lengths {left} left, {right} right); recalibrate"
+        return f"no longer valid: the lenses have changed (focal lengths {left} left, {right} right); recalibrate"
 
 
 def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairView], lenses: bool = True) -> RigCheck:
@@ -214,7 +214,7 @@ def check_lines(checked: RigCheck) -> list[str]:
         ("row error", checked.epipolar_px, checked.moved_epipolar_px),
         ("reprojection error", checked.reprojection_px, checked.moved_reprojection_px),
     ):
-        lines.append(f"{name:<22} {old_px:.3f} px with this rig, {new_px:.3f} px with the cameras' relation refitted")
+        lines.append(f"{name:<22} {old_px:.3f} px with this rig, {new_px:.3f} px with a new fit of the relative pose")
     bad = (
         f", {len(checked.contradicted)} match no rig ({', '.join(checked.contradicted)})"
         if checked.contradicted

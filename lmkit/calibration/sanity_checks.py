@@ -81,7 +81,7 @@ def require_rigid(together_px: float, alone_px: float, row_error_px: float | Non
     apart = together_px > max(RIGID_PX, RIGID_RATIO * alone_px)
     useless = row_error_px is not None and row_error_px > max(USELESS_PX, RIGID_RATIO * alone_px)
     if apart or useless:
-        rows = "" if row_error_px is None else f" (rows of unseen pairs differ by {row_error_px:.1f} px)"
+        rows = "" if row_error_px is None else f" (the held-out row error is {row_error_px:.1f} px)"
         raise InputError(
             "not_rigid",
             f"each camera alone explains its images to {alone_px:.2f} px, both together only to {together_px:.2f} px"
@@ -146,12 +146,12 @@ def check_calibration(
     warnings = []
     if bad:
         causes = "; ".join(_cause_in_words(cause, bad) for cause in dict.fromkeys(d.cause for d in bad))
-        message = f"{len(bad)} of {total} pairs do not fit the rig that the others show ({causes}); take them again"
+        message = f"{len(bad)} of {total} pairs do not agree with the other pairs ({causes}); take them again"
         warnings.append(CalibrationWarning("pairs_disagree", message, tuple(sorted(d.pair for d in bad))))
     if together_px > LOOSE_RATIO * alone_px:
         message = (
-            f"both cameras together fit {together_px / alone_px:.1f} times worse than each alone: the rig gives way, "
-            "or the cameras do not expose together while the board moves (hold it still, or trigger them)"
+            f"both cameras together fit {together_px / alone_px:.1f} times worse than each alone: the rig is not "
+            "rigid, or the board moves while the cameras do not expose together (hold it still, or trigger them)"
         )
         warnings.append(CalibrationWarning("loose", message))
     warnings += check_known(rig, declared)
@@ -161,7 +161,7 @@ def check_calibration(
         warnings += check_camera(name, camera, sigma, declared.field_deg)
     t = rig.T_right_left.t
     if abs(t[0]) > abs(t[1]) and t[0] > 0:
-        message = "the right camera stands left of the left one: LEFT and RIGHT look swapped"
+        message = "the right camera is to the left of the left camera: are LEFT and RIGHT swapped?"
         warnings.append(CalibrationWarning("swapped", message))
     if bow_m > STRONG_WARP * board_half_m:
         message = f"the board is bowed by {bow_m * 1000:.1f} mm: mount it on something flat"
@@ -172,7 +172,7 @@ def check_calibration(
     for index, name in enumerate(("left", "right")):
         if (filled := coverage.filled(index)) < ENOUGH_CELLS:
             message = (
-                f"the board covers {100 * filled:.0f} % of the {name} image; elsewhere its distortion is a guess"
+                f"the board covers {100 * filled:.0f} % of the {name} image; distortion is extrapolated elsewhere"
             )
             warnings.append(CalibrationWarning("coverage", message))
     return warnings
@@ -197,14 +197,14 @@ def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) ->
         ratio = baseline / declared.baseline_m
         if abs(ratio - 1) > WRONG_BASELINE + 3 * baseline_sigma_m / baseline:
             message = (
-                f"the baseline comes out as {baseline * 1000:.1f} mm, {ratio:.3f} times the "
-                f"{declared.baseline_m * 1000:g} mm declared, and all depths with it; measure the board (--measured)"
+                f"the baseline is estimated as {baseline * 1000:.1f} mm, {ratio:.3f} times the "
+                f"{declared.baseline_m * 1000:g} mm declared, and so are all depths; measure the board (--measured)"
             )
             return [CalibrationWarning("scale", message)]
     if baseline_sigma_m > UNSURE_BASELINE * baseline:
         message = (
-            f"the baseline, and with it every depth, is known to {100 * baseline_sigma_m / baseline:.1f} %; "
-            "take nearer and more tilted views"
+            f"the standard deviation of the baseline, and of every depth, is "
+            f"{100 * baseline_sigma_m / baseline:.1f} %; take nearer and more tilted views"
         )
         return [CalibrationWarning("unsure_baseline", message)]
     return []
@@ -228,7 +228,7 @@ def check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
             number = ("fx", "fy", "cx", "cy")[worst] if worst < 4 else f"distortion coefficient {worst - 3}"
             message = (
                 f"the images contradict the {name} camera of --intrinsics: {number} comes out "
-                f"{off[worst]:.1f} standard deviations away; is it the same lens, focus and image size?"
+                f"{off[worst]:.1f} standard deviations; is it the same lens, focus and image size?"
             )
             warnings.append(CalibrationWarning("intrinsics_contradicted", message))
     return warnings
@@ -243,13 +243,14 @@ def check_rests_on_lenses(freed: StereoRig) -> list[CalibrationWarning]:
     sigma_deg = _rotation_sigma_deg(freed)
     if sigma_deg <= UNSURE_ROTATION_DEG:
         message = (
-            "the stated deviations hold if the lenses of --intrinsics are exact, which nothing here shows; give "
-            "--intrinsics-sigma to include their error"
+            "the stated deviations are valid only if the lenses of --intrinsics are exact, which these images cannot "
+            "show; give --intrinsics-sigma to include their error"
         )
         return [CalibrationWarning("lenses_kept", message)]
     message = (
-        f"the views alone give the rotation between the cameras to {sigma_deg:.1f} deg only: the stated deviations "
-        "hold if the lenses of --intrinsics are exact; give --intrinsics-sigma to include their error"
+        f"the views alone determine the rotation between the cameras to {sigma_deg:.1f} deg only: the stated "
+        "deviations are valid only if the lenses of --intrinsics are exact; give --intrinsics-sigma to include "
+        "their error"
     )
     return [CalibrationWarning("rests_on_lenses", message)]
 
@@ -287,7 +288,7 @@ def check_camera(
     field = horizontal_field_deg(camera)
     if field_deg is not None and field is not None and abs(field / field_deg - 1) > WRONG_FIELD:
         message = (
-            f"{which} sees {field:.1f} deg across, {field_deg:g} were declared: "
+            f"the field of view of {which} is {field:.1f} deg, not the {field_deg:g} deg declared: "
             "images cropped or scaled, another lens, or a wrong calibration"
         )
         warnings.append(CalibrationWarning("field_of_view", message))
@@ -309,7 +310,7 @@ def check_camera(
     if (ends := end_of_lens(camera, which)) is not None:
         warnings.append(CalibrationWarning("lens_ends", ends))
     if abs(cx - (width - 1) / 2) > CENTRE_SHARE * width or abs(cy - (height - 1) / 2) > CENTRE_SHARE * height:
-        message = f"{which}'s principal point ({cx:.0f}, {cy:.0f}) is far from its middle: cropped images?"
+        message = f"{which}'s principal point ({cx:.0f}, {cy:.0f}) is far from the image center: cropped images?"
         warnings.append(CalibrationWarning("principal_point", message))
     return warnings
 

@@ -44,7 +44,7 @@ _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".svg")
 KNOWN = {*_IMAGES, ".mp4", ".avi", ".mov", ".mkv", *(suffix for kinds in OUTPUTS.values() for suffix in kinds)}
 
 
-_TWICE = {"--rig": "give one file; of ROS's camera_info files a folder that holds left.yaml and right.yaml"}
+_TWICE = {"--rig": "give one file; for camera_info files of ROS, a folder with left.yaml and right.yaml"}
 KINDS = {"path": "FILE", "int": "N", "float": "NUMBER"}
 FOLDERS = ("Folder", "Recording folder", "Project folder", "With --capture: folder")  # starts of help texts
 

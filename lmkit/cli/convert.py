@@ -52,7 +52,7 @@ def run(
 
     source = sources[0]
     if len(sources) > (2 if to in KINDS else 1):
-        hint = "give one file; of ROS's camera_info files the left and the right one"
+        hint = "give one file; for camera_info files of ROS, the left and the right file"
         raise InputError("extra_files", f"{' '.join(map(str, sources))}: one file is converted at a time", hint)
     if to == "bag":
         from lmkit.io.bags import poses_to_bag
@@ -88,7 +88,7 @@ def run(
     else:
         texts = {output: rig_to_opencv_yaml(as_stereo(read, to)) if to == "opencv" else rig_to_yaml(read)}
     if read.T_base_left is not None and to != "lmkit":
-        remarks.append(f"{to} files cannot hold T_base_left; it is omitted")
+        remarks.append(f"{to} files cannot contain T_base_left; it is omitted")
     write_files(texts, force)
     warn_all(remarks)
     for path in texts:
@@ -130,5 +130,5 @@ def _map_text(landmarks: LandmarkMap, to: str) -> str:
             warn("TagSLAM reads standard deviations along each tag's own axes; correlations between them are omitted")
         return map_to_tagslam(landmarks)
     far = [max(0.0, *(float(m.T_map_landmark.t[axis]) for m in landmarks)) for axis in (0, 1)]
-    warn("a field layout holds neither sizes nor covariances; they are omitted")
+    warn("a field layout contains neither sizes nor covariances; they are omitted")
     return map_to_wpilib(landmarks, (far[0], far[1]))

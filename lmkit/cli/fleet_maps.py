@@ -150,5 +150,5 @@ def _track_options(store: Any, family: str, hz: float | None) -> dict[str, Any]:
 
     sites = stored_sites(store)
     if not sites:
-        raise InputError("no_map", "the store holds no map", "run lmkit fleet survey first")
+        raise InputError("no_map", "the store contains no map", "run lmkit fleet survey first")
     return {"maps": {site: stored_map(store, site) for site in sites}, "detect": detect_options(family, hz)}

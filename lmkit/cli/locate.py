@@ -132,7 +132,7 @@ def run(
             elif len(results.answers) > 1:
                 warn(str(frame_result.error))
     if tum is not None and not results.timed:
-        warn("the images have no times: frame numbers stand for seconds in the trajectory; give --hz")
+        warn("the images have no times: the trajectory has frame numbers in place of seconds; give --hz")
     if results.contradicted_prior is not None:
         warn(results.contradicted_prior)
     if len(failed) < len(results.answers):

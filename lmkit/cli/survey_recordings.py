@@ -29,7 +29,7 @@ def are_recordings(sources: Sequence[str], rig: AnyRig) -> bool:
     if others and len(others) < len(sources):
         raise InputError(
             "no_recording",
-            f"{others[0]} holds no recording, as the other folders do",
+            f"{others[0]} contains no recording, unlike the other folders",
             f"put detections.csv into it, or a folder or video of each camera ({', '.join(names)})",
         )
     return len(sources) > 1 and not others
@@ -115,7 +115,7 @@ def survey_readings(
     from lmkit.units import parse_length_mm
 
     if not folders or not all(has_readings(Path(folder)) for folder in folders):
-        raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml, or folders that hold readings.csv")
+        raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml, or folders with readings.csv")
     folders = given_once(folders)
     names, output, tum = recording_names(folders), outputs["map"], outputs["tum"]
     tums = {name: None if tum is None else tum.with_stem(f"{tum.stem}-{name.replace('/', '-')}") for name in names}

@@ -124,7 +124,7 @@ def _bumped_rigs(checked: Rows, when: When) -> list[Fault]:
     faults = []
     for good, run in _runs(judged, when, lambda row: bool(moved_cameras(row[2].facts))):
         surest = min(run, key=lambda row: min(max(c["turn_sigma_deg"]) for c in moved_cameras(row[2].facts)))
-        before = f", true until {good}" if good else ""
+        before = f", valid until {good}" if good else ""
         sentence = f"{bumped_sentence(moved_cameras(surest[2].facts))} against its rig file{before}; recalibrate"
         faults.append(_fault("rig", sentence, run, when))
     return faults
@@ -217,8 +217,8 @@ def _faded_sentence(reading: Reading, good_day: str) -> str:
         )
     hidden = "see whether something hides it, " if evidence is None else ""
     anew = f"lmkit generate --family {reading.id.family} --code {reading.id.code}"
-    advice = f"{hidden}clean it, or print it anew in its size ({anew})"
-    return f"{reading.id} is read worse than until {good_day}: {' and '.join(texts)}; {advice}"
+    advice = f"{hidden}clean it, or print it again in the same size ({anew})"
+    return f"{reading.id} is read worse after {good_day}: {' and '.join(texts)}; {advice}"
 
 
 def _of_tracks(tracked: Rows, when: When, explained: set[str]) -> list[Fault]:

@@ -243,7 +243,7 @@ def stored_recordings(store: Store) -> list[FleetRecording]:
         InputError: nothing was scanned into the store.
     """
     if not store.exists(TABLE):
-        raise InputError("no_scan", f"{store.uri} holds no recordings", "run lmkit fleet scan first")
+        raise InputError("no_scan", f"{store.uri} contains no recordings", "run lmkit fleet scan first")
     columns, _ = store.read_table(TABLE)
     lists = [values.tolist() if isinstance(values, np.ndarray) else values for values in columns.values()]
     return [FleetRecording(**dict(zip(columns, row, strict=True))) for row in zip(*lists, strict=True)]

@@ -34,12 +34,12 @@ def upward_axis(accelerations: FloatArray) -> tuple[FloatArray, str | None]:
     axis = int(np.argmax(np.abs(up)))
     if abs(up[axis]) <= ALONG:
         tilt_deg = np.rad2deg(np.arccos(up[2]))
-        text = f"by gravity the IMU's z axis is {tilt_deg:.0f} deg from the vertical: the rate is about the vertical"
+        text = f"the IMU's z axis is {tilt_deg:.0f} deg off the vertical (by gravity): the rate is about the vertical"
         return up, text
     sign = -1.0 if up[axis] < 0 else 1.0
     name = f"{'minus ' if sign < 0 else ''}{AXES[axis]}"
     known = {"minus y": " (axes of an optical frame)", "minus z": " (z down, as aircraft have it)"}.get(name, "")
-    text = f"by gravity the IMU's {name} axis points up{known}: the rate is about that axis"
+    text = f"the IMU's {name} axis points up{known}, according to gravity: the rate is about that axis"
     return sign * np.eye(3)[axis], text
 
 

@@ -70,7 +70,7 @@ def require_plausible(rig: AnyRig, where: str) -> None:
     if baseline_m < SHORTEST_BASELINE_M:
         raise InputError(
             "implausible_baseline",
-            f"{where}: a baseline of {baseline_m:g} m: the cameras stand at the same place",
+            f"{where}: a baseline of {baseline_m:g} m: the cameras are at the same place",
             "give the file of a stereo pair, with lengths in meters",
         )
 

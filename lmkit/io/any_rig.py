@@ -107,12 +107,10 @@ def _unknown(path: Path, text: str, head: DocumentHead) -> InputError:
     kinds = "lmkit, OpenCV, ROS (camera_info), Kalibr or PhotonVision"
     if "Camera-system parameters" in text[:2000]:
         return InputError(
-            "not_a_rig", f"{path}: Kalibr's report", "give the camchain YAML that Kalibr writes beside it"
+            "not_a_rig", f"{path}: Kalibr's report", "give the camchain YAML that Kalibr writes into the same folder"
         )
     if text.lstrip().startswith("# oST version"):
-        return InputError(
-            "not_a_rig", f"{path}: camera_calibration's INI file", "give ost.yaml, which stands beside it"
-        )
+        return InputError("not_a_rig", f"{path}: camera_calibration's INI file", "give ost.yaml from the same folder")
     if program := program_of_map(text, head):
         return InputError("not_a_rig", f"{path}: a map of {program}, not a rig", f"give a rig of {kinds}")
     keys = head.keys

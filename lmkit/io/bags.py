@@ -111,7 +111,7 @@ def _scan_topic(types: dict[str, str], asked: str | None, bag: Path) -> str:
     holds = ", ".join(fitting) if fitting else "none"
     hint = "name one with --scan-topic" if fitting else "record the scanner's topic"
     what = f"no topic {asked}" if asked is not None else "not one topic"
-    raise InputError("no_topic", f"{bag}: {what} of {LASER} (it holds {holds})", hint)
+    raise InputError("no_topic", f"{bag}: {what} of {LASER} (it contains {holds})", hint)
 
 
 def _laser_scan(message: Any) -> LaserScan:
@@ -150,7 +150,7 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
                 raise InputError(
                     "no_topic",
                     f"{bag}: no topic {asked} of {' or '.join(kinds)}",
-                    f"it holds {', '.join(sorted(types))}",
+                    f"it contains {', '.join(sorted(types))}",
                 )
             found[role] = asked
             continue
@@ -164,7 +164,7 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
             holds = f"one topic of images, {images[0]}" if images else "no images"
             raise InputError(
                 "not_stereo",
-                f"{bag}: it holds {holds}, and those of two cameras are needed",
+                f"{bag}: it contains {holds}, but images of two cameras are needed",
                 "record the images of both cameras",
             )
         raise InputError(

@@ -65,7 +65,7 @@ class _UniqueKeyLoader(PlainLoader):
             if not isinstance(key, str):
                 raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word", key_node.start_mark)
             if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} stands twice", key_node.start_mark)
+                raise yaml.constructor.ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
 
@@ -124,7 +124,7 @@ def read_text(path: Path, what: str, most: int = MAX_BYTES) -> str:
         hint = "unpack it first (gunzip)" if data.startswith(_GZIP) else f"give {with_article(what)}"
         raise InputError("not_text", f"{path}: not a text file (UTF-8)", hint) from None
     if "\0" in text:
-        raise InputError("not_text", f"{path}: not a text file (holds zero bytes)", f"give {with_article(what)}")
+        raise InputError("not_text", f"{path}: not a text file (contains zero bytes)", f"give {with_article(what)}")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -265,7 +265,7 @@ def read_keys(path: Path, kind: str, what: str) -> dict[str, Any]:
     """
     data = load_document(path, read_text(path, what), _UniqueKeyLoader)
     if not isinstance(data, dict):
-        raise InputError("bad_yaml", f"{path}: holds no keys", f"give a {what}, see docs/formats.md")
+        raise InputError("bad_yaml", f"{path}: contains no keys", f"give a {what}, see docs/formats.md")
     if data.get("format") != kind:
         raise InputError(
             "wrong_format",

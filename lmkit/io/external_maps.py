@@ -89,8 +89,8 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
 def _unknown(path: Path, keys: frozenset[str]) -> InputError:
     """Error for a file that is no map of a known kind."""
     if any("ros__parameters" in key or key.startswith("/**") for key in keys):
-        return InputError("not_a_map", f"{path}: parameters of a ROS 2 node, which hold no poses", "give a map")
-    what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it holds no keys"
+        return InputError("not_a_map", f"{path}: parameters of a ROS 2 node, which contain no poses", "give a map")
+    what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it contains no keys"
     kinds = f"{', '.join(MAP_PROGRAMS[:-1])} or {MAP_PROGRAMS[-1]}"
     return InputError("not_a_map", f"{path}: not a map that is known: {what}", f"give a map of {kinds}")
 
@@ -238,7 +238,7 @@ def _require_meters(path: Path, mapped: list[MappedLandmark]) -> None:
 
 def _map(path: Path, mapped: list[MappedLandmark]) -> LandmarkMap:
     if not mapped:
-        raise InputError("no_tags", f"{path}: holds no tags with a pose", "give at least one")
+        raise InputError("no_tags", f"{path}: contains no tags with a pose", "give at least one")
     _require_meters(path, mapped)
     try:
         return with_doubts(path, LandmarkMap(mapped))

@@ -13,8 +13,8 @@ MOST_SHOWN = 40  # letters of a value
 SENTENCES = {
     "extra_forbidden": "unknown key",
     "missing": "missing",
-    "model_type": "holds no keys",
-    "dict_type": "holds no keys",
+    "model_type": "contains no keys",
+    "dict_type": "contains no keys",
     "float_type": "{value} is not a number",
     "float_parsing": "{value} is not a number",
     "int_type": "{value} is not a whole number",
@@ -34,8 +34,8 @@ SENTENCES = {
     "less_than": "{value} is not below {lt}",
     "less_than_equal": "{value} is above {le}",
     "literal_error": "{value} is unknown, {expected} is expected",
-    "too_short": "holds {actual_length} of at least {min_length} values",
-    "too_long": "holds more than {max_length} values",
+    "too_short": "needs {min_length} or more values, but has {actual_length}",
+    "too_long": "has more than {max_length} values",
 }
 
 
@@ -64,13 +64,13 @@ def sentence_of(kind: str, given: object, limits: Mapping[str, object], otherwis
         otherwise: what is said of a problem without a sentence.
     """
     if kind == "too_short" and not given:
-        return "holds nothing"
+        return "contains nothing"
     sentence = SENTENCES.get(kind)
     if sentence is None:
         return otherwise.removeprefix("Value error, ")
     value = {True: "true", False: "false"}[given] if isinstance(given, bool) else repr(given)
     if given is None:
-        return "holds no value"
+        return "has no value"
     shown = value if len(value) <= MOST_SHOWN else f"{value[:MOST_SHOWN]}..."
     return sentence.format_map({**limits, "value": shown})
 
@@ -81,7 +81,7 @@ def plain_problem(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"{error.args[0]} is missing"
     if isinstance(error, TypeError | AttributeError | IndexError):
-        return "a value or list stands where another kind is expected"
+        return "a value or list of another kind is expected"
     if text.startswith(("invalid literal for int", "could not convert string to float")):
         return f"{text.rpartition(': ')[2]} is not a number"
     return text

@@ -24,7 +24,7 @@ from lmkit.model.floor_plan import FloorPlan, wall_name, walls_of
 CELL_M = 0.05
 SMALLEST_M = 0.5  # of a floor
 DOOR_M = 1.3  # an outer door that stands open is narrower
-HIDDEN_RATIO = 2.0  # so many times the floor must grow before open doors count as shut
+HIDDEN_RATIO = 2.0  # so many times the floor must grow before open doors are treated as closed
 LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
 MOST_CELLS = 16_000_000
 LEAST_ROTATION_RAD = 1e-6
@@ -111,7 +111,7 @@ def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = Tru
     """Free cells that are not connected with the rim of the grid, or all of them where none are left then.
 
     An outer door that stands open would make the rooms behind it outside, and leave what is closed, such as the
-    inside of a drawn table.  So where openings up to `DOOR_M` hide most of the floor, they count as shut.
+    inside of a drawn table.  So where openings up to `DOOR_M` hide most of the floor, they are treated as closed.
 
     Args:
         shut_doors: False for walls that were written by hand, where an opening is a mistake to name.
@@ -126,7 +126,7 @@ def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = Tru
         behind_doors = _inside_with_doors_shut(free, cell_m)
         if behind_doors.sum() > HIDDEN_RATIO * inside.sum():
             inside = behind_doors
-            sentence = f"{path}: an outer door stands open; openings of the outer wall up to {DOOR_M} m count as shut"
+            sentence = f"{path}: an outer door is open; outer openings up to {DOOR_M} m are treated as closed"
             warnings.warn(InputWarning(sentence), stacklevel=4)
     answer = inside if inside.any() else free
     if not answer.any():

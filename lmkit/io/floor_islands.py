@@ -141,7 +141,7 @@ def use_behind(floor: FloorPlan, wall: Wall) -> str:
 def drawing_warnings(islands: Sequence[Island], free: BoolArray, cell_m: float) -> list[str]:
     """Sentences about islands, and about parts of the floor that no opening connects."""
     effects = {
-        "obstacle": "block the robot and hold no landmarks",
+        "obstacle": "block the robot and carry no landmarks",
         "ignore": "are left out",
         "wall": "are used as walls",
     }

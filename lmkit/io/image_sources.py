@@ -63,7 +63,8 @@ def list_images(where: str) -> list[Path]:
     if path.is_dir():
         found = in_order([p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".")])
         if not found:
-            raise InputError("no_images", f"folder {where} holds no images", f"kinds: {', '.join(sorted(SUFFIXES))}")
+            kinds = ", ".join(sorted(SUFFIXES))
+            raise InputError("no_images", f"folder {where} contains no images", f"kinds: {kinds}")
         return found
     if path.exists():
         return [path]

@@ -62,7 +62,7 @@ class MarkerDefaults:
         if self.family is None or self.size_m is None:
             raise InputError(
                 "no_family_or_size",
-                f"{path}: {what} says neither the markers' family nor their size",
+                f"{path}: {what} states neither the family nor the size of its markers",
                 "give both, such as --family aruco5x5_1000 --size 140mm"
                 if self.can_be_given
                 else f"convert it first: {_conversion(path, '--family aruco5x5_1000 --size 140mm')}",
@@ -77,7 +77,7 @@ class MarkerDefaults:
         """
         if self.family is not None or self.size_m is not None:
             hint = "leave --family and --size out"
-            raise InputError("not_together", f"{path} says the family and the size of each landmark", hint)
+            raise InputError("not_together", f"{path} states the family and the size of each landmark", hint)
 
     def family_of(self, path: Path, stated: str | None, assumed: str) -> str:
         """Family of a file's markers: as the file states, as given, or assumed with a warning.
@@ -90,7 +90,8 @@ class MarkerDefaults:
                 "not_together", f"{path}: its markers are {stated}, not {self.family}", "leave --family out"
             )
         if stated is None and self.family is None:
-            _warn(f"{path} does not say the markers' family: {assumed} is assumed; {self._other(path, '--family')}")
+            other = self._other(path, "--family")
+            _warn(f"{path} does not state the family of its markers: {assumed} is assumed; {other}")
         return stated or self.family or assumed
 
     def size_of(self, path: Path, stated: float | None, assumed: float | None = None) -> float:
@@ -106,15 +107,15 @@ class MarkerDefaults:
                 "leave --size out, or correct the file",
             )
         if stated is None and self.size_m is None and assumed is not None:
-            millimeters = f"{assumed * 1000:g} mm"
-            _warn(f"{path} does not say the markers' size: {millimeters} is assumed; {self._other(path, '--size')}")
+            other = self._other(path, "--size")
+            _warn(f"{path} does not state the size of its markers: {assumed * 1000:g} mm is assumed; {other}")
         return stated or self.size_m or assumed or 0.0
 
     def _other(self, path: Path, option: str) -> str:
         """Advice for markers of which the assumed value is not true."""
         if self.can_be_given:
-            return f"give {option} for another one"
-        return f"for another one convert it first: {_conversion(path, f'{option} ...')}"
+            return f"give {option} if it is another"
+        return f"if it is another, convert the map first: {_conversion(path, f'{option} ...')}"
 
 
 def _conversion(path: Path, options: str) -> str:

@@ -61,5 +61,5 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
             raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
         frames.setdefault(time, []).append(RangeBearing(id_, distance, bearing, time))
     if not frames:
-        raise InputError("no_readings", f"{path}: holds no readings", "write one reading a line")
+        raise InputError("no_readings", f"{path}: contains no readings", "write one reading a line")
     return frames

@@ -64,7 +64,7 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
         if track_m is None:
             raise InputError(
                 "no_track",
-                f"{path} holds distances of wheels",
+                f"{path} contains wheel distances",
                 'give the distance between the wheels, such as wheel_track="0.4m" (--wheel-track 0.4m)',
             )
         return Odometry.from_wheels(times, values[0], values[1], track_m)
@@ -135,7 +135,7 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
             ) from None
         frames.setdefault(time, {name: [] for name in cameras})[side].append(observation)
     if not frames:
-        raise InputError("no_detections", f"{path}: holds no detections", "write one detection a line")
+        raise InputError("no_detections", f"{path}: contains no detections", "write one detection a line")
     require_clockwise((o for seen in frames.values() for some in seen.values() for o in some), str(path))
     return [
         RigFrame(time, tuple(tuple(seen[name]) for name in cameras), f"{time:.6f}")
@@ -200,7 +200,7 @@ def _read_numbers(path: Path, what: str) -> dict[str, FloatArray]:
     header = _header(rows)
     if sum(_is_number(cell) for cell in header) > len(header) / 2:
         raise InputError(
-            "bad_header", f"{path}: line 1 holds numbers", "write a header such as time_s,... above them"
+            "bad_header", f"{path}: line 1 contains numbers", "write a header such as time_s,... above them"
         )
     if len(set(header)) < len(header):
         raise InputError("bad_header", f"{path}: line 1 has a column twice", "keep one of them")

@@ -41,7 +41,7 @@ def read_scans(path: Path, topic: str | None = None) -> list[LaserScan]:
     else:
         scans = _from_csv(path)
     if not scans:
-        raise InputError("no_scans", f"{path}: holds no scans", HINT)
+        raise InputError("no_scans", f"{path}: contains no scans", HINT)
     scans.sort(key=lambda scan: scan.time_s)
     for before, after in pairwise(scans):
         if before.time_s == after.time_s:

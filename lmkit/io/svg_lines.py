@@ -149,7 +149,7 @@ class _Drawing:
         reference = next((use.attrib[name] for name in _HREF if name in use.attrib), "")
         target = self.named.get(reference.removeprefix("#"))
         if target is None or not reference.startswith("#"):
-            raise ValueError(f"a reference to {reference[:40]!r}, which this file does not hold,")
+            raise ValueError(f"a reference to {reference[:40]!r}, which this file does not contain,")
         passed = {key: style[key] for key in PAINT if key in style}
         moved = _shifted(T, use, view)
         if _kind(target) in ("symbol", "svg"):

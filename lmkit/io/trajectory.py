@@ -111,7 +111,7 @@ def _checked_rows(path: Path, text: str) -> list[list[float]]:
             raise InputError("bad_trajectory", f"{path}: line {number}: time does not increase", "sort it by time")
         rows.append(row)
     if not rows:
-        raise InputError("bad_trajectory", f"{path}: holds no poses", _HINT)
+        raise InputError("bad_trajectory", f"{path}: contains no poses", _HINT)
     return rows
 
 

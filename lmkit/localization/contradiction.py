@@ -55,8 +55,8 @@ def find_cause(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) 
             return cause
     return Cause(
         "another_map",
-        "the landmarks seen are in the map, but stand elsewhere: it is the map of another place, or they were moved, "
-        "or the map's axes or units are others",
+        "the landmarks seen are in the map, but at other places: it is the map of another place, they were moved, "
+        "or the map has other axes or units",
     )
 
 
@@ -116,18 +116,18 @@ def _variants(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -
         )
     for order in ((3, 2, 1, 0), (2, 3, 0, 1), (1, 2, 3, 0), (3, 0, 1, 2), (0, 3, 2, 1), (2, 1, 0, 3), (1, 0, 3, 2)):
         text = (
-            "the corners of the detections are in another order: write them from the landmark's top left corner "
-            f"clockwise, those of now in the order {', '.join(map(str, order))}"
+            "the corners of the detections are in another order: write them clockwise from the landmark's top left "
+            f"corner, that is, the present ones in the order {', '.join(map(str, order))}"
         )
         yield Cause("corner_order", text), partial(_locate_reordered, order, rig, landmarks)
     ratio = _map_ratio(frames, rig, landmarks)
     if ratio is not None and abs(np.log(ratio)) > OFF_SCALE:
         text = (
-            f"by their printed size landmarks stand {ratio:.3g} times as far apart as the map says: check the "
+            f"with their printed size, landmarks are {ratio:.3g} times as far apart as in the map: check the "
             f"positions' units{unit_of_ratio(1 / ratio)}"
         )
         yield Cause("map_units", text), partial(_locate_in, _positions_scaled(landmarks, ratio), rig)
-        text = f"the landmarks are {1 / ratio:.3g} times as large as the map says: check size_m{unit_of_ratio(ratio)}"
+        text = f"the landmarks are {1 / ratio:.3g} times as large as in the map: check size_m{unit_of_ratio(ratio)}"
         yield Cause("map_sizes", text), partial(_locate_in, _sizes_scaled(landmarks, 1 / ratio), rig)
     if cameras == 2:
         stereo = as_stereo(rig, "the rig")
@@ -136,7 +136,7 @@ def _variants(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -
         yield (
             Cause(
                 "rig_inverted",
-                "the rig's T_right_left is that of the left camera in the right one: write its inverse",
+                "T_right_left of the rig is inverted: write its inverse",
             ),
             lambda frame: _locate(frame, back, landmarks),
         )

@@ -42,8 +42,8 @@ def find_readings_cause(frames: Sequence[Frame], landmarks: LandmarkMap, noise: 
             return cause
     return Cause(
         "another_map",
-        "the landmarks read are in the map, but stand elsewhere: it is the map of another place, or they were moved, "
-        "or the map's axes or units are others",
+        "the landmarks read are in the map, but at other places: it is the map of another place, they were moved, "
+        "or the map has other axes or units",
     )
 
 
@@ -60,7 +60,7 @@ def _variants(
     ratio = _ratio(frames, landmarks)
     if ratio is not None and abs(np.log(ratio)) > OFF_SCALE:
         unit = unit_of_ratio(ratio) or unit_of_ratio(1 / ratio)
-        text = f"ranges are {ratio:.3g} times as long as the map says: check the units of ranges and map{unit}"
+        text = f"ranges are {ratio:.3g} times as long as in the map: check the units of ranges and map{unit}"
         yield Cause("range_unit", text), lambda r: _scaled(r, 1 / ratio)
     yield (
         Cause("bearing_sign", "bearings have the other sign: write them positive to the left, in radians"),

@@ -109,8 +109,8 @@ def size_doubt(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[LandmarkI
         return None
     stated = float(np.median(seen.sizes))
     return (
-        f"by the cameras' baseline landmarks measure {1000 * middle * stated:.0f} mm, {1000 * stated:.0f} mm are "
-        "stated: check their size (--size, or the map's), or the rig's baseline"
+        f"with the rig's baseline, landmarks measure {1000 * middle * stated:.0f} mm, not the {1000 * stated:.0f} mm "
+        "stated: check their size (--size, or in the map), or the rig's baseline"
     )
 
 
@@ -203,19 +203,19 @@ def _variants(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, Stere
     )
     T = rig.T_right_left
     yield (
-        Cause("rig_inverted", "T_right_left of the rig is its inverse, the right camera's pose: invert it"),
+        Cause("rig_inverted", "T_right_left of the rig is inverted (the right camera's pose): write its inverse"),
         seen,
         replace(rig, T_right_left=Pose("right", "left", T.R.T, -T.R.T @ T.t)),
     )
     yield (
-        Cause("rig_sign", "t of the rig's T_right_left has the wrong sign: of a right camera its x is negative"),
+        Cause("rig_sign", "t of the rig's T_right_left has the wrong sign: its x must be negative"),
         seen,
         replace(rig, T_right_left=Pose("right", "left", T.R, -T.t)),
     )
     yield Cause(
         "rectified_images",
-        "the images are rectified, and the rig is that of the images as taken: give the rig of the rectified images "
-        "(lmkit rectify writes it), or the images as taken",
+        "the images are rectified, but the rig is of the original images: give the rig of the rectified images "
+        "(lmkit rectify writes it), or the original images",
     ), seen, rectified_rig(rig)  # fmt: skip
     yield from _rescaled(seen, rig)
 
@@ -234,12 +234,12 @@ def _rescaled(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, Stere
     if not unit and _is_rectified(rig):
         yield Cause(
             "rectified_rig",
-            "the rig is that of rectified images, and the images are as taken: rectify them, or give the rig of the "
-            "images as taken",
+            "the rig is of rectified images, but the images are not rectified: rectify them, or give the rig of the "
+            "original images",
         ), seen, scaled  # fmt: skip
     text = (
-        f"by the printed size of the landmarks the baseline is {1000 * ratio * rig.baseline_m:.3g} mm, the rig says "
-        f"{1000 * rig.baseline_m:.6g} mm{unit}; by the rig's, landmarks stated as {1000 * size_m:.0f} mm measure "
+        f"with the printed size of the landmarks, the baseline is {1000 * ratio * rig.baseline_m:.3g} mm, in the rig "
+        f"{1000 * rig.baseline_m:.6g} mm{unit}; with the rig's baseline, landmarks of {1000 * size_m:.0f} mm measure "
         f"{1000 * size_m / ratio:.0f} mm: check the rig's t (meters) and the landmarks' size"
     )
     yield Cause("rig_units", text), seen, scaled

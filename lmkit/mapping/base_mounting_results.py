@@ -36,7 +36,7 @@ def _camera_lines(camera: CameraOnBase) -> list[str]:
     clock = camera.clock
     if clock is not None and clock.differs:
         late = f"exposes {1000 * clock.offset_s:z.2f} ± {1000 * clock.sigma_s:.2f} ms after its stamps"
-        lines.append(f"  {late}, unlike the rig file says")
+        lines.append(f"  {late}, in contrast to the rig file")
     elif clock is not None:
         lines.append(f"  clock as in the rig file, to ± {1000 * clock.sigma_s:.2f} ms")
     return [*lines, *(f"  not shown by this recording: {text}" for text in camera.unobserved)]

@@ -124,7 +124,7 @@ def find_start(
         raise InputError(
             "anchor_unseen",
             "none of the known landmarks is seen in the recording",
-            "anchor the survey at a landmark that the images show",
+            "give known landmarks that are in the images",
         )
     search = _Search(frames, rig, anchors, placing, motion)
     search.run()

@@ -87,7 +87,7 @@ class JointSolver:
         self._adjust()
 
     def contradicted_recordings(self) -> dict[str, str]:
-        """Names of recordings in which most shared landmarks stand elsewhere, and a clause for each."""
+        """Names of recordings in which most shared landmarks are elsewhere, and a clause for each."""
         contradicted = {}
         for recording, one in enumerate(self.group.lone):
             mine = [v for v in self.group.versions if recording in v.recordings]
@@ -96,7 +96,7 @@ class JointSolver:
             alone = sum(v.recordings == [recording] for v in shared)
             if not one.anchored and len(self.problems) > 2 and 2 * alone > len(shared):
                 contradicted[one.name] = (
-                    f"{alone} of its {len(shared)} shared landmarks stand elsewhere than in the others"
+                    f"{alone} of its {len(shared)} shared landmarks are at other places than in the other recordings"
                 )
         return contradicted
 

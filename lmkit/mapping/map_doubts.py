@@ -28,6 +28,6 @@ def exactness_doubts(landmarks: Iterable[MappedLandmark], contradicted: Collecti
     if len(wrong) < DOUBTED:
         return []
     return [
-        f"the images contradict {len(wrong)} of {len(exact)} known landmarks that count as exact: if they were "
-        "measured by hand, say how well, such as --known-sigma 50mm,3deg"
+        f"the images contradict {len(wrong)} of {len(exact)} known landmarks that are taken as exact: if they were "
+        "measured by hand, state their accuracy, such as --known-sigma 50mm,3deg"
     ]

@@ -119,7 +119,7 @@ def place_map(fixed: LoneMap, other: LoneMap) -> Placement | str:
     if lead < SURE:
         return f"shares {shared} landmarks that allow two places for it, and none is clearly better"
     if 2 * placement.agreeing < shared:
-        return f"shares {shared} landmarks, of which only {placement.agreeing} stand as in the others"
+        return f"shares {shared} landmarks, of which only {placement.agreeing} agree with the others on their places"
     return placement
 
 

@@ -3,7 +3,7 @@
 1. Each recording is surveyed alone (`survey.py`), and laid over the others by shared landmarks
    (`recording_group.py`).
 2. Joint adjustment of all, with landmarks that were moved split in two (`joint_solver.py`).
-3. A recording in which most shared landmarks stand elsewhere does not fit: it is left out, and all is done again.
+3. A recording in which most shared landmarks are elsewhere does not fit: it is left out, and all is done again.
 """
 
 from __future__ import annotations

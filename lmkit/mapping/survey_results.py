@@ -178,9 +178,9 @@ class Hinge:
 
     def __str__(self) -> str:
         return (
-            f"{self.frames} frames from {self.from_s:.2f} to {self.to_s:.2f} s are joined to the others by {self.id} "
-            "alone: if its code is mounted twice, the map is folded there; record odometry, or check that it is "
-            "mounted once"
+            f"{self.frames} frames from {self.from_s:.2f} to {self.to_s:.2f} s are connected to the others by "
+            f"{self.id} alone: if its code is mounted twice, the map is folded there; record odometry, or check that "
+            "it is mounted once"
         )
 
 
@@ -205,8 +205,8 @@ def hinges_of(bundle: Bundle) -> list[Hinge]:
 def disputed_text(ids: Sequence[LandmarkId]) -> str:
     """Known landmarks that contradict each other, as a sentence."""
     return (
-        f"the known places of {ids_text(ids)} contradict what was seen, and too few others are in view to say which "
-        "of them were moved: drive past more known landmarks, or check that the map is of this place"
+        f"the known places of {ids_text(ids)} contradict the observations, and too few others are in view to decide "
+        "which were moved: drive past more known landmarks, or check that the map is of this place"
     )
 
 
@@ -222,7 +222,7 @@ def kept_out_texts(kept_out: Sequence[KeptOut], frames: int) -> list[str]:
     if frames > 1 or not kept_out:
         return [str(one) for one in kept_out]
     return [
-        f"the recording has one frame, and what one frame alone shows is kept out of the map: "
+        f"the recording has one frame, and landmarks of a single frame are kept out of the map: "
         f"{ids_text([one.id for one in kept_out])}; record from several places, or keep them (--keep-doubtful)"
     ]
 
@@ -246,13 +246,12 @@ def survey_warnings(
         seen = jump_landmarks(result.bundle, from_s, to_s)
         texts.append(
             f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {meters:.2f} m: it slid or was carried, or a "
-            f"landmark seen there{seen} was moved, or is placed by the wrong one of its two poses; "
-            "look from another side"
+            f"landmark seen there{seen} was moved, or its second pose is the right one; look from another side"
         )
     if motion is None:
         texts += [str(hinge) for hinge in hinges_of(result.bundle)]
     for code in result.ambiguous:
-        texts.append(f"{code} has an ambiguous pose: it was seen from one side and from afar; look from another side")
+        texts.append(f"{code} has an ambiguous pose: it was seen from one side, far away; look from another side")
     for code, constraint, meters in result.off_constraint:
         texts.append(f"{code} is {1000 * meters:.0f} mm off the {constraint} of its constraint; check it in the room")
     mapped = {m.id for m in mapped_landmarks}
@@ -273,7 +272,7 @@ def _poorly_known(result: Survey, advice: Mapping[LandmarkId, str]) -> list[str]
     """Landmarks with large deviations; those with the same advice in one sentence."""
     by_advice: dict[str, list[str]] = {}
     for code, place, turn in result.poorly_determined:
-        known = f"{code} is known to {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg only"
+        known = f"{code} has standard deviations of {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg"
         by_advice.setdefault(advice.get(code, ""), []).append(known)
     return [f"{', '.join(known)}: {text}" if text else ", ".join(known) for text, known in by_advice.items()]
 

@@ -38,7 +38,7 @@ class Detections(Sequence[Detection]):
         self._items = tuple(items)
         for item in self._items:
             if not isinstance(item, Detection):
-                raise TypeError(f"Detections holds values of type Detection, not {type(item).__name__}")
+                raise TypeError(f"Detections contains values of type Detection, not {type(item).__name__}")
         self.image_size = image_size
 
     def __len__(self) -> int:

@@ -164,7 +164,7 @@ class Recording:
         if self.frames and self.readings:
             raise ValueError("a recording has frames or readings, not both")
         if self.gyro is not None and not isinstance(self.odometry, Odometry):
-            raise ValueError("a gyro needs wheel odometry beside it")
+            raise ValueError("a gyro needs wheel odometry")
 
     @property
     def times_s(self) -> FloatArray:

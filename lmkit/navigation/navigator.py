@@ -167,7 +167,7 @@ class _Navigator:
     def run(self) -> Journey:
         """Locate, drive, turn, until there."""
         if not self.look_around():
-            return self.stop("lost", "no landmark of the map tells where the robot is; mount more, or check the map")
+            return self.stop("lost", "no landmark of the map determines the pose; mount more, or check the map")
         while self.robot.time_s < MOST_SECONDS:
             if len(self.obstacles) > MOST_REPLANS:
                 return self.stop("blocked", "the way was blocked again and again")
@@ -184,9 +184,8 @@ class _Navigator:
             if outcome == "arrived":
                 return self.stop("arrived", "")
             if outcome == "lost":
-                return self.stop(
-                    "lost", f"known to {length_text(self.sigma_m())} only, and looking around does not help"
-                )
+                sigma = length_text(self.sigma_m())
+                return self.stop("lost", f"the position is uncertain by {sigma}, and looking around does not help")
             if outcome == "unsure":
                 return self.stop("unsure", f"near the goal, but {self.doubts()}")
         return self.stop("late", f"not there after {MOST_SECONDS:.0f} s")

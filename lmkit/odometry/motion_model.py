@@ -188,6 +188,6 @@ def describe_odometry(motion: Motion, parameters: FloatArray) -> str | None:
     if far[worst] < UNLIKELY_SIGMA:
         return None
     return (
-        f"odometry does not agree with what was seen: {motion.names[worst]} comes out as {parameters[worst]:.3g}; "
+        f"odometry does not agree with the landmarks: {motion.names[worst]} is estimated as {parameters[worst]:.3g}; "
         "check its units, its clock and where the sensor sits on the robot"
     )

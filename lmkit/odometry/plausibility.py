@@ -119,7 +119,7 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
         raise _refused("implausible_gyro", f"the gyro turns at {rate:.3g} rad/s: is it in degrees per second?")
     require_one_clock(gyro.times_s, odometry.times_s, "the gyro", "odometry")
     if missing := _missing(gyro, odometry):
-        sentence = f"the gyro gives no rates {missing}: the wheels' turns stand in; record both from start to end"
+        sentence = f"the gyro has no rates {missing}: the wheels' rotation is used; record both from start to end"
         warnings.warn(InputWarning(sentence), stacklevel=3)
     times = np.arange(start, end, WINDOW_S)
     if len(times) <= LEAST_IN_DEGREES:
@@ -228,7 +228,7 @@ def _judge_way(seen: FloatArray, said: FloatArray) -> None:
     if like < OPPOSITE:
         raise _refused(
             "odometry_contradicts",
-            "odometry runs backwards: the robot moves the other way than it says",
+            "odometry runs backwards: the robot moves in the opposite direction",
             "negate the way forward (x_m and y_m, forward_mps, left_m and right_m), or turn T_base_left by 180 deg",
         )
     if like > LIKE and not 1 / OFF_SCALE < scale < OFF_SCALE:
@@ -245,7 +245,7 @@ def _judge_turns(seen: FloatArray, said: FloatArray, odometry: Odometry, times_s
         if lag is not None:
             raise _refused(
                 "odometry_contradicts",
-                f"odometry fits what was seen once it is shifted by {-lag:+.1f} s: its clock is another",
+                f"odometry agrees with the landmarks only if it is shifted by {-lag:+.1f} s: its clock is another",
                 "give both in seconds of the same clock",
             )
     if like < OPPOSITE:

@@ -189,7 +189,7 @@ def _require_one_floor(poses: Sequence[_LocatedPose]) -> None:
         f"{max(pose.time_s for pose in floor):.1f} s"
         for floor in floors
     )
-    hint = "cut the recording where it changes floors; wheel odometry knows one floor, poses (TUM) several"
+    hint = "cut the recording where it changes floors; wheel odometry is limited to one floor, poses (TUM) are not"
     raise InputError("two_floors", f"the landmarks show the robot {where}: two floors in one recording", hint)
 
 

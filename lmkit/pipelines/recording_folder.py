@@ -64,7 +64,7 @@ def open_recording_folder(
         missing = next((name for name in names if _camera_source(path, name) is None), names[0])
         raise InputError(
             "no_recording",
-            f"{path} holds no recording: neither {DETECTIONS}, nor a folder or video of camera '{missing}'",
+            f"{path} contains no recording: neither {DETECTIONS}, nor a folder or video of camera '{missing}'",
             f"name the camera's images {missing}/, or its video {missing}.mp4",
         )
     sources, detections = image_files(path, names)

@@ -29,7 +29,7 @@ def calibrate_sources(
 
     Args:
         sources: one per camera; the board need not be in every image.
-        model: see `calibrate_camera`; one for each camera is separated by commas.
+        model: see `calibrate_camera`; separate the models of several cameras by commas.
         on_image: called after every image how many are done, of how many.
 
     Raises:

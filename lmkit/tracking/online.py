@@ -96,7 +96,7 @@ def track_poses_live(
         [_status(answer, CORNER_NUMBERS) for answer in answers],
         [answer.outliers for answer in answers],
         of_base=rig.T_base_left is not None,
-        remarks=_carried_off(answers, "odometry says"),
+        remarks=_carried_off(answers, "odometry"),
         nis=_nis(answers),
     )
 
@@ -146,7 +146,7 @@ def tracked_planar(answers: Sequence[TrackedPose], parameters: FloatArray, numbe
         [_status(answer, numbers) for answer in answers],
         [answer.outliers for answer in answers],
         dict(zip(PARAMETERS, parameters.tolist(), strict=True)),
-        remarks=_carried_off(answers, "its wheels say"),
+        remarks=_carried_off(answers, "wheels"),
         nis=_nis(answers),
     )
 
@@ -165,9 +165,9 @@ def _nis(answers: Sequence[TrackedPose] | Sequence[SpacePose]) -> FloatArray:
     return np.array([(answer.nis, answer.nis_dof) for answer in answers]).reshape(-1, 2)
 
 
-def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], but: str) -> tuple[str, ...]:
+def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], prediction: str) -> tuple[str, ...]:
     return tuple(
-        f"at {answer.time_s:.2f} s the robot was somewhere else than {but}: carried off?"
+        f"at {answer.time_s:.2f} s the robot was not where its {prediction} put it: was it carried?"
         for answer in answers[1:]
         if answer.restarted
     )
@@ -185,6 +185,6 @@ def _floor_doubt(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap
     if not heights or abs(np.median(heights)) < OFF_FLOOR_M:
         return ()
     return (
-        f"the robot stands at z = {np.median(heights):.2f} m of the map, and tracking live by wheels takes the floor "
-        "to be z = 0; shift the map's heights, or track without live (--live)",
+        f"the robot is at z = {np.median(heights):.2f} m in the map, but live tracking with wheels assumes that the "
+        "floor is z = 0; shift the map's heights, or track without live (--live)",
     )

@@ -192,7 +192,7 @@ def _scale_lines(
         scale = SCALE.line(off, f"{measured} for {stated_mm or 0:g} mm", no_scale)
     return [
         scale,
-        ASPECT.line(aspect, "{:.2%} apart", "known once the scale is"),
+        ASPECT.line(aspect, "{:.2%} apart", "needs the scale"),
         SKEW.line(skew_deg, "{:.2f} deg", NOT_SCANNED),
     ]
 

@@ -148,7 +148,7 @@ def _require_one_size(source: str, of_sheet: tuple[Stated, ...], stated: tuple[S
     if own and given and not any(abs(a - b) < SIZES_ALIKE_MM for a in own for b in given):
         raise InputError(
             "size_contradicted",
-            f"{source} is of {', '.join(f'{a:g}' for a in sorted(own))} mm by its own label, and "
+            f"{source} is of {', '.join(f'{a:g}' for a in sorted(own))} mm according to its label, and "
             f"{', '.join(f'{b:g}' for b in sorted(given))} mm are given",
             "leave the size (--size) out, or give the file that was meant",
         )
@@ -257,7 +257,7 @@ def _content_problem(found: FoundPrint, stated: tuple[Stated, ...]) -> str | Non
     if len(codes) > 1:
         problem = f"reads as code {code}, which is none of {format_codes(codes)}"
         return problem + (f"; {mirrored} mirrored reads so" if mirrored in codes else "")
-    problem = f"reads as code {code}, but its label says {codes[0]}"
+    problem = f"reads as code {code}, but its label states {codes[0]}"
     return problem + (", which it is mirrored" if mirrored == codes[0] else "")
 
 
@@ -310,7 +310,7 @@ def _refuse_tiles(path: Path, manifest: PrintManifest | None) -> None:
     if manifest is not None and manifest.landmarks and all(entry.tile for entry in manifest.landmarks):
         raise InputError(
             "tiles",
-            f"{path} holds the tiles of a landmark",
+            f"{path} contains the tiles of a landmark",
             "tiles were verified together when they were written; glue them, then verify a photograph",
         )
 

@@ -77,7 +77,7 @@ def look_through(root: str, names: list[str]) -> dict[str, Any]:
         views.append({"name": label, **_described(image), "landmarks": [str(d.id) for d in found]})
     problems, apart_s = [], None
     if len(read) == 2 and _are_swapped(*read):
-        swapped = "the two cameras look swapped: landmarks stand further left in the first image"
+        swapped = "the two cameras look swapped: landmarks are further left in the first image"
         problems.append({"message": swapped, "hint": "give them in the other order, or change the cables"})
     if len(read) == 2 and all(CAMERA.fullmatch(word) for word in words):
         try:

@@ -254,7 +254,7 @@ def _run_settings(project: Project, source: str, second: str) -> dict[str, Any]:
         return {"sources": [f"replay:{source}"]}
     found = _recording(project, source)
     if not found["images"]:
-        raise InputError("no_images", f"{source} holds no images", "track its saved detections instead")
+        raise InputError("no_images", f"{source} contains no images", "track its saved detections instead")
     settings: dict[str, Any] = {"sources": [f"{source}/left", f"{source}/right"]}
     settings |= {"rig": _of(project, found, "rig"), "map": _of(project, found, "map")}
     if found["odometry"]:

@@ -112,7 +112,7 @@ def test_check_says_true_of_its_own_rig_and_moved_of_another(lmkit, pairs, calib
     left, right = pairs
     good = lmkit("calibrate", "--check", calibrated / "rig.yaml", left, right, "--board", SPEC)
     assert good.code == 0, good.err
-    assert "still true" in good.out
+    assert "still valid" in good.out
     (tmp_path / "other.yaml").write_text(rig_to_yaml(make_rig()))
     bad = lmkit("calibrate", "--check", "other.yaml", left, right, "--board", SPEC, "--json")
     assert bad.code == 1
@@ -144,7 +144,7 @@ def test_check_of_videos_says_true_of_their_own_rig_and_moved_of_another(lmkit, 
     both = f"split:{standing(*pairs, scale=0.5, stays=2)}"
     good = lmkit("calibrate", "--check", "true.yaml", *films, "--board", SPEC)
     assert good.code == 0, good.err
-    assert "still true" in good.out
+    assert "still valid" in good.out
     bad = lmkit("calibrate", "--check", "turned.yaml", both, "--board", SPEC, "--json")
     assert bad.code == 1
     row = json.loads(bad.out)

@@ -49,7 +49,7 @@ def test_verify_notices_a_wrong_label_and_a_wrong_size(lmkit, tmp_path):
     (tmp_path / "mixed.pdf").write_bytes(pages_to_pdf([Page(right.size_mm, (*drawing, *labels), "")], ""))
     answer = lmkit("verify", "mixed.pdf")
     assert answer.code == 1
-    assert "reads as code 7, but its label says 8" in answer.out
+    assert "reads as code 7, but its label states 8" in answer.out
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])

@@ -89,7 +89,7 @@ def test_few_of_each_input(runnable, inputs, count):
         ("survey --readings", "readings.csv", 1, 0, ""),
         ("track --readings", "map.yaml", 3, 1, "no frame was located"),
         ("locate --readings", "map.yaml", 3, 1, "two landmarks"),
-        ("track --detections", "map.yaml", 0, 2, "landmarks: holds nothing"),
+        ("track --detections", "map.yaml", 0, 2, "landmarks: contains nothing"),
         ("track --live --readings", "odometry.csv", 1, 2, "fewer than two rows"),
     ],
 )

@@ -115,7 +115,7 @@ def test_a_map_of_another_place_is_named_though_some_frames_are_located(lmkit, r
     """Frames that see one landmark alone cannot contradict a map, and are located."""
     _, data = room
     ids = [m.id for m in data.scene.landmarks]
-    cause = "the landmarks seen are in the map, but stand elsewhere"
+    cause = "the landmarks seen are in the map, but at other places"
     sure = PoseEstimate("ok", data.poses[0], 1e-4 * np.eye(6), inliers=(ids[0],))
     off = PoseEstimate("inconsistent", outliers=(ids[0], ids[1]), warnings=(cause,))
     agree = replace(sure, inliers=(ids[0], ids[1]))

@@ -41,14 +41,14 @@ def files(tmp_path):
 def test_commands_with_a_family_of_their_own_say_how_to_convert(lmkit, files, words):
     answer = lmkit(*words.split())
     assert answer.code == 2
-    assert "says neither the markers' family nor their size" in answer.err
+    assert "states neither the family nor the size of its markers" in answer.err
     hint = answer.err.split("convert it first: ")[1].strip()
     assert lmkit(*hint.split()[1:]).code == 0
     assert {(m.family, m.size_m) for m in read_map(files / "map.yaml")} == {("aruco5x5_1000", 0.14)}
 
 
 def test_a_family_that_is_assumed_is_named_with_the_conversion(files):
-    with pytest.warns(InputWarning, match="tag36h11 is assumed; for another one convert it first: lmkit convert"):
+    with pytest.warns(InputWarning, match="tag36h11 is assumed; if it is another, convert the map first: lmkit"):
         read_mounted_map(files / "field.json")
 
 

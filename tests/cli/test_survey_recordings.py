@@ -70,4 +70,4 @@ def test_a_folder_without_a_recording_is_named(lmkit, days, tmp_path):
     rig = next(folder.glob("rigs/*/*.yaml"))
     answer = lmkit("survey", *recordings, "empty", "--rig", str(rig), "-o", "m.yaml")
     assert answer.code == 2
-    assert "empty holds no recording" in answer.err and "left, right" in answer.err
+    assert "empty contains no recording" in answer.err and "left, right" in answer.err

@@ -53,7 +53,7 @@ def faults(recordings: list[dict]) -> list:
 @pytest.mark.parametrize(
     ("fall", "texts"),
     [
-        ({"evidence": 0.5}, ["the margin of its readings is 6", "; clean it, or print it anew"]),
+        ({"evidence": 0.5}, ["the margin of its readings is 6", "; clean it, or print it again"]),
         ({"share": 0.5}, ["images that should show it, 89 before", "see whether something hides it, clean it"]),
         ({"evidence": 0.5, "share": 0.5}, ["margin", "images that should show it"]),
     ],
@@ -61,7 +61,7 @@ def faults(recordings: list[dict]) -> list:
 def test_a_landmark_that_fades_is_named_with_its_day(fall, texts):
     [fault] = faults(site(1, **fall))
     assert (fault.kind, fault.site, fault.day, fault.until) == ("faded", "hall", day_name(FROM), day_name(7))
-    assert fault.sentence.startswith(f"lm8:0 is read worse than until {day_name(FROM - 1)}: ")
+    assert fault.sentence.startswith(f"lm8:0 is read worse after {day_name(FROM - 1)}: ")
     assert all(text in fault.sentence for text in [*texts, "lmkit generate --family lm8 --code 0"])
 
 

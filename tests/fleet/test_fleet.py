@@ -120,7 +120,7 @@ def test_planted_faults_are_found(lmkit, written, tmp_path):
     assert set(faults) == {"failed", "rig", "clock", "moved"}, report["faults"]
     [rig], [clock], [failed] = faults["rig"], faults["clock"], faults["failed"]
     assert (rig["robot"], rig["day"], rig["until"]) == ("robot1", day_name(1), day_name(1))
-    assert "yawed by +0." in rig["sentence"] and f"true until {day_name(0)}" in rig["sentence"]
+    assert "yawed by +0." in rig["sentence"] and f"valid until {day_name(0)}" in rig["sentence"]
     assert (clock["robot"], clock["day"], clock["until"]) == ("robot0", day_name(1), day_name(2))
     assert f"right until {day_name(0)}" in clock["sentence"]
     assert failed["recordings"] == ["hall0/robot1/damaged"]

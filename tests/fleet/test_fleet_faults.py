@@ -54,7 +54,7 @@ def test_a_bumped_camera_is_named_from_its_first_day_to_its_last():
     assert str(first).startswith(
         f"hall/a ({day_name(2)} to {day_name(3)}): camera right has yawed by +0.40 ± 0.01 deg"
     )
-    assert f"true until {day_name(0)}" in first.sentence
+    assert f"valid until {day_name(0)}" in first.sentence
     assert (second.day, second.until) == (day_name(5), day_name(5))
 
 

@@ -60,7 +60,7 @@ def test_topics_are_found_by_type_and_name_or_asked_for(tmp_path):
         find_topics(kinds, {"left": "/x"}, tmp_path)
     with pytest.raises(InputError, match="left and right images among /b, /c"):
         find_topics({"/b": kinds["/a/left/raw"], "/c": kinds["/a/left/raw"], "/o": kinds["/o"]}, {}, tmp_path)
-    with pytest.raises(InputError, match="it holds no images"):
+    with pytest.raises(InputError, match="it contains no images"):
         find_topics({"/o": kinds["/o"]}, {}, tmp_path)
     with pytest.raises(InputError, match="one topic of images, /a/left/raw"):
         find_topics({"/a/left/raw": kinds["/a/left/raw"]}, {}, tmp_path)
@@ -98,7 +98,7 @@ def test_poses_go_into_a_bag(tmp_path):
         ((0.1, -0.2, 9.8), (5.0, 5.0, 0.3), ""),
         ((0.2, -9.8, 0.3), (5.0, -0.3, 5.0), "minus y axis points up (axes of an optical frame)"),
         ((0.0, 0.1, -1.0), (5.0, 5.0, -0.3), "minus z axis points up"),
-        ((0.6, 0.0, 0.8), (0.18, 5.0, 0.24), "37 deg from the vertical"),
+        ((0.6, 0.0, 0.8), (0.18, 5.0, 0.24), "37 deg off the vertical"),
         ((np.nan, 0.0, 0.0), (5.0, 5.0, 0.3), ""),
     ],
 )

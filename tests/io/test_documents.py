@@ -55,7 +55,7 @@ def test_a_map_survives(tmp_path):
         ("[0.0, 0.0, 1.0]", "[0.0, 0.0, .inf]", "left.K[2][2] is inf"),
         ("[0.0, 0.0, 1.0]", "[0.0, 0.0, 2.0]", "left: K is not a camera matrix"),
         ("[0.0, 0.0, 1.0]", "[0.0, 0.0]", "left.K[2]"),
-        ("right:", "left:", "stands twice"),
+        ("right:", "left:", "duplicate key"),
         ("left:", "left: [", "line"),
     ],
 )

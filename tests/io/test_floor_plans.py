@@ -135,7 +135,7 @@ def test_small_islands_block_the_robot_and_hold_no_landmarks(tmp_path):
     assert [wall.name for wall in floor.walls[:3]] == ["A", "B", "C"]
     shown = floor_underlay(floor)
     assert (shown.rgb == OBSTACLE).all(axis=2).any() and len(island_notes(floor)) == len(floor.islands)
-    assert any("hold no landmarks: (" in text for text in drawing_warnings(floor.islands, floor.free, floor.cell_m))
+    assert any("carry no landmarks: (" in text for text in drawing_warnings(floor.islands, floor.free, floor.cell_m))
 
 
 def test_a_line_along_several_letters_is_no_wall(tmp_path):
@@ -197,7 +197,7 @@ def test_an_open_outer_door_counts_as_shut(tmp_path):
     path.write_text(
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-9 -9 140 99"><path d="{lines} {table}"/></svg>'
     )
-    with pytest.warns(InputWarning, match="an outer door stands open"):
+    with pytest.warns(InputWarning, match="an outer door is open"):
         floor = read_floor(path, 0.05)
     assert [island.use for island in floor.islands] == ["obstacle"]
     assert floor.free.sum() * floor.cell_m**2 == pytest.approx(6.0 * 4.0, rel=0.07)

@@ -88,7 +88,7 @@ def test_family_and_size_are_given_or_assumed_aloud(tmp_path):
             read_any_map(file(tmp_path, layout | stated), given)
     with pytest.raises(InputError, match=r"family tag16h5 has no code .*0 to 29"):
         read_any_map(file(tmp_path, layout), MarkerDefaults("tag16h5"))
-    with pytest.raises(InputError, match="says the family and the size"):
+    with pytest.raises(InputError, match="states the family and the size"):
         read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(LANDMARKS))), given)
 
 

@@ -42,7 +42,7 @@ def test_the_three_kinds_of_odometry_agree(tmp_path):
     [
         ("a,b\n1,2\n", "no column time_s"),
         ("time_s,b\n1,2\n2,3\n", "no columns of odometry in time_s"),
-        ("time_s,left_m,right_m\n1,2,3\n2,3,4\n", "holds distances of wheels"),
+        ("time_s,left_m,right_m\n1,2,3\n2,3,4\n", "contains wheel distances"),
         ("time_s,v,w\n1,2,3\n1,3,4\n", "line 3: time does not increase"),
         ("time_s,v,w\n1,2,3\n2,nan,4\n", "line 3"),
         ("time_s,v,w\n1,2,3\n2,x,4\n", "line 3"),

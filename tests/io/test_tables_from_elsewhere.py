@@ -110,7 +110,7 @@ def test_velocities_of_messages_are_found_by_their_names(tmp_path, head):
 
 def test_a_table_without_a_header_is_named(tmp_path):
     """Rows of `ros2 topic echo --csv` begin with numbers."""
-    with pytest.raises(InputError, match="line 1 holds numbers"):
+    with pytest.raises(InputError, match="line 1 contains numbers"):
         read_odometry(
             write(tmp_path, "100,0,odom,base_link,0.1,0.0,0.0,0.0,0.0,1.0\n100,5,odom,base_link,0,0,0,0,0,1\n")
         )

@@ -75,7 +75,7 @@ def test_why_two_cameras_contradict_each_other(drive, code):
 def test_landmarks_of_another_size_than_stated_are_no_rectified_images(drive, stated):
     cause = find_rig_cause(drive.frames, drive.rig, {m.id: stated for m in drive.landmarks})
     assert cause.code == "rig_units"
-    sizes = re.search(r"landmarks stated as (\d+) mm measure (\d+) mm", cause.text)
+    sizes = re.search(r"landmarks of (\d+) mm measure (\d+) mm", cause.text)
     assert [float(number) for number in sizes.groups()] == pytest.approx([1000 * stated, 180.0], rel=0.02)
 
 

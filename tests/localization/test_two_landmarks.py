@@ -146,7 +146,7 @@ def test_two_ranges_leave_two_places():
     assert estimate.status == "ambiguous"
     places = [estimate.pose, *(pose for pose, _ in estimate.alternatives)]
     assert len(places) == 2
-    # The landmarks stand at x = 4: the other place is the mirror image behind them.
+    # The landmarks are at x = 4: the other place is the mirror image behind them.
     assert sorted(p.x_m for p in places) == pytest.approx([ROBOT[0], 8 - ROBOT[0]], abs=1e-6)
 
 

@@ -124,7 +124,7 @@ def test_known_landmarks_that_contradict_each_other_in_all_recordings_are_named(
     assert not result.moved
     assert result.disputed == tuple(sorted(seen[:2]))
     assert result.to_dict()["disputed"] == [str(id_) for id_ in result.disputed]
-    assert any("contradict what was seen" in text for text in joint_warnings(result))
+    assert any("contradict the observations" in text for text in joint_warnings(result))
 
 
 def test_where_many_known_landmarks_stand_elsewhere_the_map_is_doubted(monkeypatch, seen):

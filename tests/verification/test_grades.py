@@ -109,7 +109,7 @@ def test_a_planted_defect_is_named(name):
 
 def test_the_wrong_landmark_and_a_mirrored_one_are_distinguished():
     wrong = graded(sheet(CODE), stated=CODE + 1)
-    assert wrong.problems == ("content: reads as code 37, but its label says 38",)
+    assert wrong.problems == ("content: reads as code 37, but its label states 38",)
     mirrored = graded(np.ascontiguousarray(sheet(CODE)[:, ::-1]))
     (problem,) = mirrored.problems
     assert problem.endswith("which it is mirrored")

@@ -151,7 +151,7 @@ def test_a_print_of_no_stated_size_is_no_a():
 
 
 def test_wrong_mirrored_and_inverted_markers_are_named():
-    assert graded(sheet(), code=8).problems == ("content: reads as code 7, but its label says 8",)
+    assert graded(sheet(), code=8).problems == ("content: reads as code 7, but its label states 8",)
     mirrored = graded(np.ascontiguousarray(sheet()[:, ::-1]))
     assert mirrored.problems == ("content: code 7 of tag36h11, but mirrored",)
     assert grade_of(mirrored, "scale") == "A"
