@@ -1,4 +1,4 @@
-"""Arguments of the public functions, turned into what the library takes."""
+"""Conversion of arguments of the public functions to the library's types."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ READ_RECORDING = "give lmkit.read_recording(detections=..., odometry=...), or th
 
 
 class ImageWarning(UserWarning):
-    """An image in which landmarks cannot be found as it stands: gray, or with red and blue swapped."""
+    """Warning: no landmark can be found in this image, because it is gray or has red and blue swapped."""
 
 
 def as_path(path: PathLike, what: str = "path") -> Path:
-    """A path of text or of a path object.
+    """Path from text or a path object.
 
     Args:
         what: name of the argument in errors, with what else it may be.
@@ -71,7 +71,7 @@ def require_type(value: object, kind: type | tuple[type, ...], what: str, hint: 
 
 
 def as_image(image: ImageLike) -> ByteArray:
-    """(H,W,3) BGR pixels of an array, or of the image file of that name; a gray array gets three channels.
+    """(H,W,3) BGR pixels from an array or an image file; a gray array gets three equal channels.
 
     Raises:
         InputError: another type or shape; says what to convert.
@@ -104,7 +104,7 @@ GRAY = "the image is gray: landmarks are recognized by red against blue; use a c
 
 
 def as_families(families: Families) -> tuple[MarkerFamily, ...]:
-    """Families of names, of a list such as ``lm8,lm4``, or as they are.
+    """Families from families, names, or text such as ``lm8,lm4``.
 
     Raises:
         InputError: one does not exist, or none is given.
@@ -130,7 +130,7 @@ def family_names(families: Families, detected: bool) -> tuple[str, ...]:
     """Names of families.
 
     Args:
-        detected: lmkit is to find them in images, so that they must be its own; else they are of any markers.
+        detected: lmkit must detect them in images, so only families of lmkit are allowed; else any marker family is.
 
     Raises:
         InputError: one cannot be detected.
@@ -141,10 +141,10 @@ def family_names(families: Families, detected: bool) -> tuple[str, ...]:
 
 
 def as_meters(length: float | str, name: str) -> float:
-    """Meters of a number of meters, or of text with a unit such as ``180mm``.
+    """Length in meters from a number of meters, or from text with a unit such as ``180mm``.
 
     Raises:
-        InputError: not a positive length, or so large that millimeters must be meant.
+        InputError: not a positive length, or so large that it must be in millimeters.
     """
     hint = 'give meters, such as 0.18, or text with a unit, such as "180mm"'
     if isinstance(length, str):
@@ -172,7 +172,7 @@ def as_sigmas(known_sigma: tuple[float, float] | None, known: object) -> tuple[f
     """Standard deviations of known landmarks: position (m) and rotation (rad).
 
     Raises:
-        InputError: not two numbers of 0 or more, or no known landmarks that they are of.
+        InputError: not two numbers of 0 or more, or no known landmarks are given.
     """
     if known_sigma is None:
         return None
@@ -225,7 +225,7 @@ def as_rig(rig: AnyRig | PathLike) -> AnyRig:
     """A rig, or the rig of a file.
 
     Raises:
-        InputError: lengths that no rig has, such as millimeters.
+        InputError: implausible lengths, such as millimeters.
     """
     from lmkit.geometry.rig import Rig
     from lmkit.geometry.rig_plausibility import require_plausible
@@ -257,7 +257,7 @@ def as_recording(recording: Recording | PathLike, rig: AnyRig | None = None) -> 
     """A recording, or the detections of a CSV file, without odometry.
 
     Args:
-        rig: whose cameras the detections are of, where it is not a stereo pair.
+        rig: the cameras of the detections; needed unless it is a stereo pair.
 
     Raises:
         InputError: neither, or a file that cannot be read.

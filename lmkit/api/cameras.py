@@ -56,7 +56,7 @@ def calibrate(
         right: the right camera's images, paired by sorted name; None for one camera.
         board: such as ``"chessboard:9x6:25mm"`` (inner corners).
         model: ``"pinhole"``, ``"rational"``, ``"fisheye"``, or ``"auto"``; ``"fisheye,pinhole"`` for unequal lenses.
-        progress: called with the number of images or pairs done, and of how many.
+        progress: called with the number of images or pairs done, and their total number.
 
     Raises:
         InputError: no pairs, another board, or pairs that do not agree.
@@ -81,7 +81,9 @@ def calibrate(
     require_type(spec, BoardSpec, "board", 'give text such as "chessboard:9x6:25mm"')
     require_type(model, str, "model", 'give "pinhole", "rational", "fisheye" or "auto"')
     if not callable(progress):
-        raise InputError("wrong_type", "progress is not a function", "give one of two numbers, or leave it out")
+        raise InputError(
+            "wrong_type", "progress is not a function", "give a function of two numbers, or leave it out"
+        )
     require_type(left, (str, os.PathLike, Sequence), "left", "give a folder or glob of images, or a list of folders")
     if not isinstance(left, (str, os.PathLike)):
         sources = [os.fspath(as_path(source, "left")) for source in left]
@@ -107,16 +109,16 @@ def calibrate_base(
     *,
     height: float | str | None = None,
 ) -> BaseMounting:
-    """Find the place of every camera on the robot, from a recording with wheel odometry in a mapped room.
+    """Compute the pose of every camera on the robot, from a recording with wheel odometry in a mapped room.
 
     Args:
         recording: frames of the cameras, and wheel odometry.
-        rig: the cameras, or their file; places in it are not used, but for the baseline of a stereo pair.
+        rig: the cameras, or their file; only the baseline of a stereo pair is used of their poses.
         landmarks: the landmark map, or its file.
         height: of the first camera above the base's origin, meters or text with a unit; None: the base lies at z = 0.
 
     Returns:
-        The rig with its places, and for each camera the covariance and what the recording does not show.
+        The rig with its poses, and for each camera the covariance and the quantities that are not determined.
 
     Raises:
         InputError: a camera sees too little of the map, or the robot stands still.
@@ -139,7 +141,9 @@ def calibrate_base(
     if not recording.frames:
         raise InputError("no_frames", "the recording has no frames", "give images or detections")
     if not isinstance(recording.odometry, Odometry):
-        raise InputError("no_odometry", "places on the robot need wheel odometry", "read the recording with odometry")
+        raise InputError(
+            "no_odometry", "camera poses on the robot need wheel odometry", "read the recording with odometry"
+        )
     require_plausible_recording(recording)
     height_m = None if height is None else as_meters(height, "height")
     motion = MotionModel(recording.odometry, recording.gyro)
@@ -147,7 +151,7 @@ def calibrate_base(
 
 
 def calibrate_clocks(recording: Recording, rig: AnyRig | PathLike, landmarks: LandmarkMap | PathLike) -> ClockOffsets:
-    """Find by how much later than its stamps every camera exposes, on the first camera's clock.
+    """Estimate the time offset of every camera: exposure time minus time stamp, on the first camera's clock.
 
     Args:
         recording: frames of the cameras, and odometry; the robot drives and turns.
@@ -158,7 +162,7 @@ def calibrate_clocks(recording: Recording, rig: AnyRig | PathLike, landmarks: La
         The rig with its time offsets, and the standard deviation of each.
 
     Raises:
-        InputError: one camera, a camera that sees nothing of the map, or no odometry.
+        InputError: only one camera, a camera that sees no landmark of the map, or no odometry.
 
     Examples:
         >>> import lmkit
@@ -189,7 +193,7 @@ def locate(
     profile: str = "balanced",
     options: LocateOptions | None = None,
 ) -> PoseEstimate:
-    """Locate the rig in the map by an image of every camera, or by the first (left) camera's image alone.
+    """Locate the rig in the map from one image per camera, or from the first (left) camera's image alone.
 
     Args:
         images: (H,W,3) BGR or paths, or detections made before; one per camera, in the order of the rig.
@@ -199,7 +203,7 @@ def locate(
         options: thresholds of localization, a prior on the pose.
 
     Raises:
-        InputError: as many images as cameras are not given, an image is not of the rig's size, or cannot be read.
+        InputError: the number of images is wrong, or an image has another size than in the rig, or cannot be read.
 
     Examples:
         >>> import lmkit

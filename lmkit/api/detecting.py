@@ -38,14 +38,14 @@ COLORS_EVERY = 32  # empty images, of which one is searched again for swapped co
 
 
 class Detector:
-    """Finds landmarks in images; keeps its settings, and warns once about images that cannot work.
+    """Finds landmarks in images with fixed settings; warns once about images without color or with swapped channels.
 
     Args:
         families: names such as ``"lm8"``, ``"lm8,lm4"``, or a list of them.
-        camera: the calibrated camera that took the images; its distortion then replaces a guess.
+        camera: the calibrated camera of the images; its distortion is then used instead of an estimate.
         profile: ``"accurate"``, ``"balanced"``, ``"fast"`` or a :class:`DetectorConfig`.
         strictness: ``"strict"`` (fewer wrong codes), ``"default"`` or ``"eager"`` (more small landmarks).
-        inverted_tags: AprilTags and ArUco markers are read in white on black too.
+        inverted_tags: also read AprilTags and ArUco markers in white on black.
 
     Examples:
         >>> import lmkit
@@ -176,11 +176,11 @@ def draw(
     landmarks: LandmarkMap | PathLike | None = None,
     enlarge: int = 1,
 ) -> ByteArray:
-    """Draw detections on an image, and what was estimated from them.
+    """Draw detections, and the estimated pose, on an image.
 
     Args:
         image: (H,W,3) BGR, 8 bit, or a path; it is not changed.
-        detections: what was found in it.
+        detections: of this image.
         estimate: pose of the rig, written into the image.
         rig, landmarks: with both, or their files, the map's landmarks are drawn where the estimate puts them in the
             left image.
@@ -190,7 +190,7 @@ def draw(
         (H * enlarge, W * enlarge, 3) BGR.
 
     Raises:
-        InputError: not such an image, an argument of another type, or a map that cannot be drawn: rig, landmarks and
+        InputError: not an image, an argument of another type, or a map that cannot be drawn since rig, landmarks and
             estimate are not all given.
 
     Examples:

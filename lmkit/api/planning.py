@@ -41,7 +41,7 @@ def print_landmarks(
     paper: str | None = None,
     template: str | None = None,
 ) -> Prints:
-    """Lay landmarks out on paper, and prove that every one reads back from the page.
+    """Lay landmarks out on paper, and check that each can be read from the rendered page.
 
     Args:
         codes: one code or id, several, or text such as ``"0-15,42"``.
@@ -88,9 +88,9 @@ def place_landmarks(
     Args:
         floor: the floor plan, or its file (YAML, SVG, image, ROS map).
         rig: the rig, or its file; it needs T_base_left or ``camera_height``.
-        demand: required accuracy: position, heading, and where it must hold.
+        demand: required accuracy of position and heading, and the share of headings and places that must reach it.
         options: family, sizes, heights and walls to choose from; None: ``lm8`` of 180 mm on any wall.
-        existing: landmarks that are mounted already and stay.
+        existing: landmarks that are already mounted, and are kept.
         radius: radius of the robot, meters or text with a unit.
         camera_height: height of the left camera above the floor, where the rig has no T_base_left.
 
@@ -140,7 +140,7 @@ def plan_route(
         start, goal: (x, y) in meters, or text such as ``"2.5,1,90"`` (heading in degrees) or a place's name.
         radius: radius of the robot, meters or text with a unit.
         camera_height: height of the left camera above the floor.
-        demand: required accuracy; routes avoid places where it does not hold.
+        demand: required accuracy; routes avoid places that do not reach it.
 
     Raises:
         InputError: the robot cannot stand at the start or the goal.
@@ -172,10 +172,10 @@ def _floor(floor: FloorPlan | PathLike) -> FloorPlan:
 
 
 def _mounted(rig: AnyRig | PathLike, height: float | str | None) -> AnyRig:
-    """The rig with its place on the robot.
+    """The rig with the pose of its first camera on the robot.
 
     Raises:
-        InputError: neither the rig nor ``height`` says how high the camera is.
+        InputError: neither the rig nor ``height`` gives the height of the camera.
     """
     from lmkit.geometry.stereo_rig import mounted_ahead
 

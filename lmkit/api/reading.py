@@ -63,11 +63,11 @@ def read_map(path: PathLike, *, family: str | None = None, size: float | str | N
 
     Args:
         path: YAML, JSON or text file.
-        family: family of the markers, where the file does not say it, such as ``"tag16h5"``.
-        size: size of the markers, where the file does not say it: meters, or text with a unit.
+        family: family of the markers, if the file does not state it, such as ``"tag16h5"``.
+        size: size of the markers, if the file does not state it: meters, or text with a unit.
 
     Raises:
-        InputError: not readable, not a map, or a map that says another family or size.
+        InputError: not readable, not a map, or a map that states another family or size.
 
     Examples:
         >>> import lmkit
@@ -115,18 +115,18 @@ def read_recording(
 
     Args:
         images: one folder, glob or video per camera of ``rig``, grouped by sorted name.
-        rig: the rig, or its file; images need it, and detections of any other than a stereo pair.
+        rig: the rig, or its file; needed for images, and for detections unless they are of a stereo pair.
         detections: CSV of detections, in place of images.
         readings: CSV of ranges and bearings, in place of images.
         odometry: CSV of wheel odometry, or TUM poses of visual odometry.
         gyro: CSV of the yaw rate.
         wheel_track: distance between the wheels, meters or text with a unit.
-        families: landmark families to look for in images; of detections and readings those of bare codes, of any
+        families: landmark families to detect in images; for detections and readings, the families of bare codes: any
             kind of marker.
-        hz: frames a second, where file names hold no times.
+        hz: frames per second, if file names contain no times.
 
     Raises:
-        InputError: not readable, or a combination that does not fit.
+        InputError: not readable, or arguments that cannot be combined.
 
     Examples:
         >>> import lmkit

@@ -48,16 +48,16 @@ def survey(
         recording: frames of both cameras, with or without odometry; or the CSV of its detections.
         rig: the calibrated rig, or its file.
         size: side of the landmarks, meters or text with a unit; landmarks in ``known`` have their own.
-        known: landmarks with known poses, such as one anchor; it defines the map frame.
+        known: map of landmarks with known poses, at least one; it defines the map frame.
         known_sigma: standard deviation of their positions (m) and rotations (rad); None: as the map states.
         constraints: walls and heights that landmarks share.
-        keep_doubtful: keep landmarks in the map that too few frames support; else they are named, and left out.
+        keep_doubtful: keep doubtful landmarks in the map; otherwise they are left out, with a warning.
 
     Returns:
         The map with covariances, the poses, and ``warnings`` in words.
 
     Raises:
-        InputError: nothing to start from, or odometry of another time or without T_base_left.
+        InputError: no usable frame, odometry of another time, or odometry without T_base_left in the rig.
 
     Examples:
         >>> import lmkit
@@ -118,12 +118,12 @@ def survey_recordings(
     """Build one landmark map from several recordings of one place.
 
     Each recording is surveyed alone; recordings are joined by the landmarks that they share, and adjusted jointly.
-    A recording that does not fit is left out and named; a landmark that was moved between recordings becomes two.
+    A recording that does not fit is left out and named.  A landmark that was moved in between has two entries.
 
     Args:
         recordings: by name, from the earliest to the latest.
         rig: the calibrated rig, or its file; or a rig for each name.
-        size, known, known_sigma, constraints, keep_doubtful: as of :func:`survey`.
+        size, known, known_sigma, constraints, keep_doubtful: see :func:`survey`.
 
     Returns:
         The map with covariances, the survey of each recording, ``left_out``, ``moved``, and ``warnings`` in words.
@@ -166,7 +166,7 @@ def survey_recordings(
 
 
 def _with_history(found: LandmarkMap, known: LandmarkMap | PathLike | None) -> LandmarkMap:
-    """The surveyed map, with where the known map's landmarks stood on earlier days."""
+    """The surveyed map, with earlier places of landmarks from the known map."""
     return found if known is None else found.with_history_of(as_map(known))
 
 
@@ -270,7 +270,7 @@ def evaluate(
     Args:
         truth, estimate: trajectories, or their files; of the result of `track`, the poses with status ``ok``.
         align: ``"none"``, ``"rigid"`` or ``"scale"`` (Umeyama 1991).
-        max_apart_s: largest difference of times that belong together.
+        max_apart_s: largest time difference between matched poses.
 
     Raises:
         InputError: no common times, or an unknown alignment.
@@ -287,7 +287,7 @@ def evaluate(
 
 
 def motion_of(recording: Recording) -> Motion | None:
-    """The odometry of a recording as a model of motion; None without odometry."""
+    """Motion model of a recording's odometry; None without odometry."""
     from lmkit.odometry.pose_odometry import PoseMotion
     from lmkit.odometry.wheel_odometry import MotionModel
 

@@ -117,17 +117,17 @@ class CameraModel:
         return np.stack([down @ rays[:, :, k] @ across.T for k in range(2)], axis=2)
 
     def reaches(self, pixels: FloatArray) -> BoolArray:
-        """(N,) True where :meth:`unproject` holds: a distortion fitted to the middle may turn back outside it."""
+        """(N,) True where :meth:`unproject` is valid: a distortion fitted to the center may fold back outside."""
         rays = self.unproject(pixels)
         finite = np.asarray(np.isfinite(rays).all(axis=1))
         back = self.project(np.column_stack([np.where(finite[:, None], rays, 0.0), np.ones(len(rays))]))
         return np.asarray(finite & (np.linalg.norm(back - pixels, axis=1) < REACHED_PX))
 
     def require_size(self, name: str, size: tuple[int, int]) -> None:
-        """Refuse an image that is not as the camera was calibrated.
+        """Refuse an image of another size than the calibration.
 
         Raises:
-            InputError: its (width, height) is another one; names it.
+            InputError: the (width, height) differs; the message names both sizes.
         """
         if size != self.image_size:
             raise InputError(

@@ -44,13 +44,13 @@ def upward_axis(accelerations: FloatArray) -> tuple[FloatArray, str | None]:
 
 
 def about(up: FloatArray, rates_radps: FloatArray) -> FloatArray:
-    """(...,) rates about an axis (3,); what is measured about others, and may be nothing, does not matter."""
+    """(...,) rates about an axis (3,); axes that do not contribute may be NaN."""
     used = np.flatnonzero(up)
     return np.asarray(rates_radps[..., used] @ up[used])
 
 
 def _up(accelerations: FloatArray) -> FloatArray | None:
-    """(3,) unit vector against gravity; None where the accelerations do not say."""
+    """(3,) unit vector against gravity; None if the accelerations do not determine it."""
     lengths = np.linalg.norm(accelerations, axis=1)
     measured = accelerations[np.isfinite(lengths) & (lengths > 0)]
     if not len(measured):

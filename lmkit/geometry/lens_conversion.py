@@ -1,4 +1,4 @@
-"""The camera of another distortion model that is nearest to a given one: for files that know fewer coefficients."""
+"""The best approximation of a camera with another distortion model, for formats with fewer coefficients."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LEAST_PIXELS = 40  # of the grid, within which the distortion holds
 
 
 def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel, float]:
-    """A camera with four coefficients that sees nearly the same, and by how many px at most it errs.
+    """A camera with four coefficients that approximates this one, and its largest error in px.
 
     Focal lengths and center move with the coefficients, so that the images agree where there is an image.
 

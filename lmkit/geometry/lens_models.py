@@ -125,7 +125,7 @@ FISHEYE = LensModel(
 )
 RATIONAL = _polynomial("rational", (8, 12, 14), 8, "rational_polynomial")
 
-# Automatic calibration tries them in this order: a later one must do clearly better on images held out.
+# Automatic calibration tries them in this order: a later one must be clearly better on held-out images.
 LENS_MODELS: MappingProxyType[str, LensModel] = MappingProxyType(
     {model.name: model for model in (PINHOLE, FISHEYE, RATIONAL)}
 )

@@ -22,7 +22,7 @@ def planar_state(T_map_base: Pose) -> FloatArray:
 
 
 def follow(state: FloatArray, motions: FloatArray) -> FloatArray:
-    """(K+1,3) x, y, heading: the state, and where each of (K,3) motions leads."""
+    """(K+1,3) x, y, heading: the state, and the states after each of (K,3) motions."""
     path = np.zeros((1 + len(motions), 3))
     path[0] = state
     path[1:, 2] = state[2] + np.cumsum(motions[:, 2])

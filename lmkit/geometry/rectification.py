@@ -1,4 +1,4 @@
-"""Rectification: the rows of the left and right image made to match, points and images."""
+"""Rectification of points and images: matching points of the left and right image get the same row."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Rectification:
 
     @property
     def along(self) -> int:
-        """0: the right camera stands beside the left one, rows match; 1: above or below it, columns match."""
+        """0: the right camera is beside the left one, rows match; 1: above or below it, columns match."""
         return 0 if abs(self.P_right[0, 3]) >= abs(self.P_right[1, 3]) else 1
 
     @property
@@ -40,7 +40,7 @@ class Rectification:
 
 
 def rectification(rig: StereoRig) -> Rectification:
-    """The rectification of a rig (Bouguet's): rows match, or columns where the cameras stand above each other."""
+    """The rectification of a rig (Bouguet's): rows match, or columns if one camera is above the other."""
     left, right, size = rig.left, rig.right, rectified_size(rig)
     if left.lens.is_equidistant or right.lens.is_equidistant:
         return _fisheye_rectification(rig)
@@ -67,7 +67,7 @@ def _resized(camera: CameraModel, size: tuple[int, int]) -> FloatArray:
 
 
 def _fisheye_rectification(rig: StereoRig) -> Rectification:
-    """Rectification of fisheye cameras; OpenCV's own fails on cameras that converge or stand above each other."""
+    """Rectification of fisheye cameras; OpenCV's fails on cameras that converge or are above each other."""
     # Each camera turns half of the way to the other, then both turn the baseline into the rows.
     half = rotation_exp(-rig.T_right_left.rvec / 2)
     t = half @ rig.T_right_left.t
@@ -87,7 +87,7 @@ def _fisheye_rectification(rig: StereoRig) -> Rectification:
 
 
 def rectified_rig(rig: StereoRig) -> StereoRig:
-    """The rig that takes rectified images: no distortion, parallel cameras; its own rectification changes nothing."""
+    """The rig of the rectified images: no distortion, parallel cameras; its own rectification changes nothing."""
     maps = rectification(rig)
     size = rectified_size(rig)
     left, right = (CameraModel(size, P[:, :3], np.zeros(5)) for P in (maps.P_left, maps.P_right))
@@ -101,9 +101,9 @@ def rectified_rig(rig: StereoRig) -> StereoRig:
 def epipolar_errors(rig: StereoRig, left: FloatArray, right: FloatArray) -> FloatArray:
     """(N,) row differences, px, of matching points (N,2) after rectification.
 
-    Columns instead of rows for cameras that stand above each other.  Of fisheye cameras, whose rectified
-    images are stretched without bound toward their edges, the angle between the two points' epipolar
-    planes instead, in pixels of the images as taken.  Of unequal cameras, pixels of the coarser one.
+    Columns instead of rows for cameras above each other.  For fisheye cameras, whose rectified
+    images are stretched without bound toward their edges, it is the angle between the two points' epipolar
+    planes, in pixels of the original images.  For unequal cameras, pixels are those of the coarser one.
     """
     maps = rectification(rig)
     across = 1 - maps.along
@@ -138,7 +138,7 @@ def with_lines_across(left: ByteArray, right: ByteArray, along: int = 0, step_px
     """A rectified pair in one image, with lines on which matching points lie.
 
     Args:
-        along: 0: rows match, the images stand side by side; 1: columns match, one stands above the other.
+        along: 0: rows match, the images are side by side; 1: columns match, one image is above the other.
     """
     both = np.hstack([left, right]) if along == 0 else np.vstack([left, right])
     height, width = both.shape[:2]

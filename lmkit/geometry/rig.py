@@ -61,11 +61,11 @@ class MountedCamera:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """One or more cameras and how they stand to each other.
+    """One or more cameras with their relative poses.
 
     Attributes:
         cameras: the cameras; T_camera_left of the first one is the identity.
-        T_base_left: where the first camera sits on the robot's base, if known.
+        T_base_left: pose of the first camera on the robot's base, if known.
 
     Raises:
         TypeError: something else than MountedCameras, or T_base_left is no Pose.
@@ -135,7 +135,7 @@ def as_stereo(rig: AnyRig, what: str) -> StereoRig:
     """The rig as a stereo pair.
 
     Args:
-        what: needs one; named in the error.
+        what: the user of the pair; named in the error.
 
     Raises:
         InputError: it has one camera, or more than two.
@@ -171,7 +171,7 @@ def with_time_offsets(rig: AnyRig, offsets_s: Sequence[float]) -> AnyRig:
 
 
 def cameras_carried(rig: AnyRig, carried: Sequence[Pose]) -> tuple[MountedCamera, ...]:
-    """The cameras, each standing where its exposure found it, as seen from the rig at the time of its frame.
+    """The cameras with their poses at the time of exposure, relative to the rig at the time of the frame.
 
     Args:
         carried: T_left_left of every camera, as of `RigFrame.carried`; empty: all expose at that time.
@@ -191,7 +191,7 @@ def T_map_cameras(rig: AnyRig, T_map_left: Pose) -> list[Pose]:
 
 
 def at_base(poses: Sequence[Pose], covariances: FloatArray, rig: AnyRig) -> tuple[list[Pose], FloatArray]:
-    """Poses of the first camera, with their covariances, as those of the robot's base where the rig names one."""
+    """Poses and covariances of the first camera, moved to the robot's base if the rig has one."""
     T = rig.T_base_left
     if T is None:
         return list(poses), covariances

@@ -1,4 +1,4 @@
-"""Whether a rig can be what its file says; every way in asks here (:func:`lmkit.io.any_rig.read_any_rig`)."""
+"""Plausibility checks of a rig; every reader of rigs calls them (:func:`lmkit.io.any_rig.read_any_rig`)."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def require_plausible(rig: AnyRig, where: str) -> None:
 
 
 def rig_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
-    """Sentences about what is possible, but seldom meant."""
+    """Warnings about values that are possible, but unusual."""
     base = (*_lens_warnings(rig, where), *base_warnings(rig, where))
     if isinstance(rig, Rig):
         return base

@@ -72,7 +72,7 @@ def rotation_log(R: FloatArray) -> FloatArray:
     sine, cosine = np.sqrt((axis**2).sum(axis=1)) / 2, (np.trace(flat, axis1=1, axis2=2) - 1) / 2
     scale = np.where(sine < 1e-12, 1.0, np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))
     logs = scale[:, None] * axis / 2
-    # Beyond a quarter turn the sine fades, and the quaternion tells the axis better.
+    # Beyond a quarter turn the sine decreases, and the quaternion gives the axis more accurately.
     for k in np.flatnonzero(cosine <= 0).tolist():
         logs[k] = _log_of_one(flat[k])
     return np.asarray(logs.reshape(R.shape[:-1]))

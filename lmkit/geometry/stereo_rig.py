@@ -12,19 +12,19 @@ from lmkit.geometry.pose import Pose, require_frames
 
 
 def mounted_ahead(height_m: float) -> Pose:
-    """T_base_left of a left camera over the robot's middle that looks ahead, level."""
+    """T_base_left of a left camera above the robot's center that looks straight ahead."""
     axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     return Pose("base", "left", axes, np.array([0.0, 0.0, height_m]))
 
 
 @dataclass(frozen=True, eq=False)
 class StereoRig:
-    """Two cameras and how they stand to each other.
+    """Two cameras with their relative pose.
 
     Attributes:
         left, right: the cameras.
         T_right_left: ``x_right = R @ x_left + t`` (OpenCV's R, T with the left camera given first).
-        T_base_left: where the left camera sits on the robot's base, if known.
+        T_base_left: pose of the left camera on the robot's base, if known.
         covariance: (6,6) of T_right_left, if known: t (m), then a rotation vector applied on the
             left (rad).
         intrinsics_sigma: standard deviations of fx fy cx cy and the distortion of the left and of the right
@@ -84,6 +84,6 @@ class StereoRig:
 
 
 def ahead_of(T_map_base: Pose) -> Pose:
-    """The pose of a camera that looks where a robot's base does: along its x axis."""
+    """The pose of a camera that looks along the x axis of a robot's base."""
     axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     return Pose("map", "camera", T_map_base.R @ axes, T_map_base.t)

@@ -33,12 +33,12 @@ class BoardSpec:
     Attributes:
         kind: ``chessboard``, ``charuco``, ``landmarks`` or ``aprilgrid``.
         columns, rows: chessboard: INNER corners; charuco: squares; landmarks, aprilgrid: landmarks.
-        square_mm: side of a square; landmarks, aprilgrid: from middle to middle.
+        square_mm: side of a square; landmarks, aprilgrid: from center to center.
         marker_mm: side of a marker (charuco) or landmark (landmarks, aprilgrid).
         dictionary: name of the marker dictionary (charuco) or of the family (aprilgrid).
         legacy: the marker layout of OpenCV before 4.6 (charuco with an even number of rows).
         first_code: of the landmark or marker at the top left; the others follow row by row (landmarks, charuco).
-        stretch: what the print measures in x and y, over what it should.
+        stretch: measured size divided by nominal size of the print, in x and y.
 
     Examples:
         >>> import lmkit
@@ -123,10 +123,10 @@ class BoardSpec:
         return text
 
     def measured(self, width_mm: float, height_mm: float) -> BoardSpec:
-        """The board as printed, by what its pattern measures over all (see :attr:`pattern_mm`).
+        """The board as printed, from the measured size of its whole pattern (see :attr:`pattern_mm`).
 
         Raises:
-            InputError: more than a tenth from what it should be: rather another board.
+            InputError: more than a tenth from the nominal size: probably another board.
         """
         should = self.pattern_mm
         stretch = (width_mm / should[0], height_mm / should[1])

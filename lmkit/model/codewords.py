@@ -18,7 +18,7 @@ TRIANGLE_BITS = 2  # what a triangle in another quarter turn is worth
 
 
 def code_to_gaps(code: int, gap_count: int) -> tuple[bool, ...]:
-    """The gaps that spell ``code``: ``gap_count`` flags, True where the ring is open.
+    """Gaps of ``code``: ``gap_count`` flags, True where the ring is open.
 
     Raises:
         InputError: the code does not fit into ``gap_count`` bits.
@@ -33,7 +33,7 @@ def code_to_gaps(code: int, gap_count: int) -> tuple[bool, ...]:
 
 
 def gaps_to_code(gaps: Sequence[bool]) -> int:
-    """The code that the gaps spell; the inverse of :func:`code_to_gaps`."""
+    """Code of the gaps; the inverse of :func:`code_to_gaps`."""
     code = 0
     for gap in gaps:
         code = code << 1 | int(gap)
@@ -41,7 +41,7 @@ def gaps_to_code(gaps: Sequence[bool]) -> int:
 
 
 def turned_word(word: int, gap_counts: Sequence[int], quarters: int) -> int:
-    """The word that a landmark shows when turned clockwise by quarter turns, read from where up was."""
+    """Word of a landmark that is rotated clockwise by quarter turns, read as if it were upright."""
     gaps = list(code_to_gaps(word, sum(gap_counts)))
     turned: list[bool] = []
     for count in gap_counts:

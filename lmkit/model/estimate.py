@@ -1,4 +1,4 @@
-"""The answer of `locate`: a pose, how sure it is, and what else it might have been."""
+"""The result of `locate`: a pose, its covariance, and alternative poses."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class PoseEstimate:
     """Estimated pose of the camera in the map.
 
     Attributes:
-        status: what the pose is worth.
+        status: whether the pose is unique and accurate (:class:`PoseStatus`).
         T_map_camera: pose of the left (or only) camera; None unless the status is ok, ambiguous or imprecise.
         covariance: (6,6) x y z (m), then rotation about x y z (rad), in the map frame.
         inliers: landmarks that the pose explains.
-        outliers: landmarks of the map that were read and that the pose does not explain, or that are in one image
+        outliers: landmarks of the map that were read but contradict the pose, or that appear in one image
             more than once.
         alternatives: other poses, best first, each with its log likelihood ratio to the answer.
         reprojection_error_px: root mean square over the corners of the inliers, all images.

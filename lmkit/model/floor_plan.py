@@ -24,7 +24,7 @@ class Wall:
 
     Attributes:
         name: ``A``, ``B``, ...
-        left, right: (2,) its ends, meters in the map, as someone sees them who faces it.
+        left, right: (2,) its ends, meters in the map, as seen by a person who faces it.
         usable: landmarks may be mounted here.
     """
 
@@ -45,7 +45,7 @@ class Wall:
 
     @property
     def facing_rad(self) -> float:
-        """Direction in which it looks, into the free space."""
+        """Direction of its normal, into the free space."""
         return float(np.arctan2(-self.along[0], self.along[1]))
 
 
@@ -56,7 +56,7 @@ class Island:
     Attributes:
         number: from top to bottom of the plan.
         low, high: (2,) its extent in the map, meters.
-        use: ``obstacle`` (blocks the robot, holds no landmarks), ``wall``, or ``ignore`` (counts as free floor).
+        use: ``obstacle`` (blocks the robot, carries no landmarks), ``wall``, or ``ignore`` (counts as free floor).
     """
 
     number: int
@@ -99,7 +99,7 @@ class FloorPlan:
 
     @cached_property
     def clearance_m(self) -> FloatArray:
-        """(rows, columns) from the middle of each cell to the nearest that is not free."""
+        """(rows, columns) meters from the center of each cell to the nearest cell that is not free."""
         padded = np.pad(self.free, 1).astype(np.uint8)
         far = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
         return np.asarray(np.maximum(far - 0.5, 0.0) * self.cell_m, dtype=np.float64)

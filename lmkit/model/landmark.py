@@ -42,7 +42,7 @@ class Ring:
 
 @dataclass(frozen=True)
 class LandmarkFamily:
-    """One frozen design of landmark; printed paper outlives software, so a change is a new version.
+    """One design of landmarks.  Prints outlive software, so a design never changes: a change is a new version.
 
     Attributes:
         name, version: e.g. ``lm8``, 1.
@@ -52,7 +52,7 @@ class LandmarkFamily:
         rings: from the outside in.
         triangle_mm: height of the triangle above the center and half of its base.
         distance: gap positions in which any two codes differ at least, in any quarter turn, where the
-            triangle counts for two; 1 uses every word, more leaves some out so that misreadings show.
+            triangle counts for two; 1 uses every word; with more, words are left out to detect misreadings.
 
     Examples:
         >>> import lmkit
@@ -118,7 +118,7 @@ class LandmarkFamily:
     def mirrored_code(self, code: int) -> int | None:
         """The code that a landmark reads as in a mirrored image; None where the family has no such code.
 
-        The triangle is symmetric, and each ring's gaps run the other way.  In an image that is upside down besides,
+        The triangle is symmetric, and the order of each ring's gaps is reversed.  If the image is also upside down,
         the landmark reads as the same code.
 
         Raises:

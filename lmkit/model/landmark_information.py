@@ -1,4 +1,4 @@
-"""`LandmarkInformation`: what one recording tells of its landmarks, whatever else it had to find out eliminated.
+"""`LandmarkInformation`: normal equations of one recording for its landmarks; its other unknowns are eliminated.
 
 Recordings of one place share landmarks and nothing else.  The normal equations of all recordings together, once each
 recording has eliminated its own poses and the errors of its odometry (the Schur complement; Triggs et al. 2000,
@@ -27,7 +27,7 @@ class LandmarkInformation:
     Attributes:
         ids: (L) of the landmarks.
         R, p: (L,3,3), (L,3) T_map_landmark at which the equations hold.
-        H: (dL,dL) information, symmetric, with d = 6 or 2; it is singular where the recording does not say where
+        H: (dL,dL) information, symmetric, with d = 6 or 2; it is singular if the recording does not determine where
             the map lies.
         b: (dL,) half the negative gradient.
         cost: at the linearization.

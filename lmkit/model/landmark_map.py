@@ -36,8 +36,8 @@ class MappedLandmark:
         T_map_landmark: its pose.
         covariance: (6,6) of that pose in the map frame (x y z m, rotation x y z rad), if known.
         name: of the place it marks, for `lmkit plan route`.
-        valid_from_s, valid_to_s: when it was first seen there after it was moved, and last seen there before, seconds
-            of the recordings' clock; None: as far as anyone knows, always and still.
+        valid_from_s, valid_to_s: when it was first seen there after a move, and last seen before a move, seconds
+            of the recordings' clock; None: no move is known.
 
     Raises:
         TypeError: `id` is no LandmarkId, `T_map_landmark` no Pose, or `size_m` no number.
@@ -160,12 +160,12 @@ class LandmarkMap:
         raise InputError("bad_id", f"{id_!r} is not a landmark id", hint)
 
     def with_history_of(self, earlier: LandmarkMap) -> LandmarkMap:
-        """The map with what an earlier one of the same place knows of days before: it was surveyed from that."""
+        """The map with the history of an earlier map of the same place, from which it was surveyed."""
 
         def dated(m: MappedLandmark) -> MappedLandmark:
             before = earlier.find(m.id)
             since = None if before is None else before.valid_from_s
-            # What was moved anew stands since a later day already.
+            # A landmark that was moved again has a later start already.
             known = since is not None and m.valid_from_s is None and since <= _last_valid(m)
             return replace(m, valid_from_s=since) if known else m
 
@@ -184,12 +184,12 @@ class LandmarkMap:
         for m in sorted((*self.past, *self), key=_last_valid, reverse=True):
             if time_s <= _last_valid(m):
                 then[m.id] = m
-        # Between two poses, and before the first one, nobody knows when it was moved: the nearer in time holds.
+        # Between two poses, and before the first, the time of the move is unknown: the nearer in time is used.
         kept = [self._dated(m, time_s) for m in then.values()]
         return LandmarkMap([replace(m, valid_from_s=None, valid_to_s=None) for m in kept])
 
     def _dated(self, later: MappedLandmark, time_s: float) -> MappedLandmark:
-        """The pose that holds at a time at or before the later one's end."""
+        """The pose that is valid at a time at or before the later one's end."""
         since = later.valid_from_s
         if since is None or time_s >= since:
             return later

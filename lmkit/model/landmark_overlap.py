@@ -1,4 +1,4 @@
-"""Mapped landmarks that overlap, and cannot both be mounted where the map has them."""
+"""Mapped landmarks that overlap, so that they cannot both be mounted at these places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of a landmark map that was written by hand: places and sizes that can hardly be meant."""
+"""Checks of a landmark map that was written by hand: implausible places and sizes."""
 
 from __future__ import annotations
 

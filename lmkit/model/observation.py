@@ -59,7 +59,7 @@ class Detection:
 
     @property
     def center(self) -> FloatArray:
-        """(2,) the landmark's middle in the image: where the diagonals of its corners cross."""
+        """(2,) the landmark's center in the image: the intersection of its diagonals."""
         return crossing(self.corners[0], self.corners[2], self.corners[1], self.corners[3])
 
     def __repr__(self) -> str:

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class PoseStatus(StrEnum):
-    """Status of a pose; members compare equal to their text, as it stands in JSON."""
+    """Status of a pose; members compare equal to their text in JSON."""
 
     OK = "ok"
     """The pose is unique, and agrees with what was observed."""

@@ -1,4 +1,4 @@
-"""A recording: what the cameras and the sensors of a robot measured on a recording."""
+"""A recording: measurements of a robot's cameras and sensors over time."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class Odometry:
 
     @classmethod
     def from_wheels(cls, times_s: FloatArray, left_m: FloatArray, right_m: FloatArray, track_m: float) -> Odometry:
-        """From what each wheel traveled since the row before; ``track_m`` is the distance of the wheels."""
+        """From the travel of each wheel since the row before; ``track_m`` is the distance between the wheels."""
         return cls(times_s, (left_m + right_m) / 2, (right_m - left_m) / track_m)
 
     @classmethod
     def from_poses(cls, times_s: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray) -> Odometry:
-        """From dead reckoning: positions (m) and headings (rad); steps sideways are taken as slips and left out."""
+        """From dead reckoning: positions (m) and headings (rad); sideways motion is treated as slip and ignored."""
         turn = np.diff(np.unwrap(heading), prepend=heading[:1])
         middle = np.unwrap(heading) - turn / 2
         step = np.diff(np.column_stack([x, y]), axis=0, prepend=[[x[0], y[0]]])
@@ -81,7 +81,7 @@ class Gyro:
         return list(zip(self.times_s[late].tolist(), self.times_s[late + 1].tolist(), strict=True))
 
     def covers(self, times_s: FloatArray) -> BoolArray:
-        """(M,) do the rows cover the time from the one before to each time?  Not the first; not over a gap."""
+        """(M,) whether rates cover the time from the previous time to each; False for the first, and over a gap."""
         before, after = times_s[:-1], times_s[1:]
         inside = (before >= self.times_s[0]) & (after <= self.times_s[-1])
         for start, end in self.gaps():
@@ -130,7 +130,7 @@ class Recording:
         frames: detections of all cameras, in the order of time.
         readings: (time, readings) of a range and bearing sensor, in the order of time; in place of frames.
         odometry: wheel odometry, or poses of visual odometry; None without odometry.
-        gyro: yaw rate, beside wheel odometry.
+        gyro: yaw rate; only with wheel odometry.
 
     Raises:
         TypeError: frames that are no RigFrames, or odometry or gyro of another type.
@@ -181,7 +181,7 @@ class Recording:
     def around(self, frames: tuple[RigFrame, ...]) -> Recording:
         """Some frames in the order of time, with the rows of odometry and gyro from `CLOCKS_APART_S` before to after.
 
-        Fewer than two rows say nothing about motion; they are left out.
+        Fewer than two rows do not determine a motion; they are left out.
         """
         first, last = frames[0].time_s - CLOCKS_APART_S, frames[-1].time_s + CLOCKS_APART_S
         odometry, gyro = self.odometry, self.gyro

@@ -27,7 +27,7 @@ class Room:
     Attributes:
         number: 1, 2, ... from the top left of the plan.
         low, high: (2,) its extent in the map, meters.
-        middle: (2,) the place in it that is farthest from walls.
+        middle: (2,) the point in it that is farthest from walls.
         places: names of the floor plan's places inside it.
     """
 
@@ -49,7 +49,7 @@ class TapeEnd:
 
     Attributes:
         distance_m: from there to the landmark's center.
-        wall: name of the wall that makes the corner; None: the wall ends freely, as at a door.
+        wall: name of the wall that makes the corner; None: the wall ends without a corner, as at a door.
     """
 
     distance_m: float
@@ -62,8 +62,8 @@ class TapeEnd:
 def split_rooms(floor: FloorPlan) -> tuple[list[Room], IntArray]:
     """Rooms, and for each cell the number of its room, 0 where it is not free.
 
-    Openings up to 1.4 m wide separate rooms; what is narrower than that all along, such as a corridor, is a room of
-    its own.  Furniture and text divide nothing.
+    Openings up to 1.4 m wide separate rooms.  A part that is narrower everywhere, such as a corridor, is a room of
+    its own.  Furniture and text do not separate rooms.
     """
     cell = floor.cell_m
     walled = _without_furniture(floor)

@@ -101,7 +101,7 @@ class ScannedPole:
         return self.range_m * np.array([math.cos(self.bearing_rad), math.sin(self.bearing_rad)])
 
     def carried(self, motion: FloatArray) -> ScannedPole:
-        """The pole as seen after (3,) forward, left (m) and turn (rad) of whoever sees it."""
+        """The pole as seen after a motion of the observer: (3,) forward, left (m) and rotation (rad)."""
         c, s = math.cos(motion[2]), math.sin(motion[2])
         x, y = self.point - motion[:2]
         point = np.array([c * x + s * y, -s * x + c * y])

@@ -4,8 +4,8 @@ A marker is a square of cells: a black border one cell wide, the code's cells in
 the outer edge of the BLACK BORDER, as for `cv2.aruco` and for the AprilTag project's ``tag size``, not of the white
 paper.  The frame is a landmark's: origin at the center, x to the right, y up, z toward the viewer.
 
-OpenCV draws AprilTags upside down.  Here they stand as the AprilTag project prints them, so maps of WPILib and
-apriltag_ros hold as they are.
+OpenCV draws AprilTags upside down.  Here they are upright as printed by the AprilTag project, so maps of WPILib and
+apriltag_ros can be used unchanged.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The result of tracking: poses over time with covariances, and what was observed."""
+"""The result of tracking: poses over time with covariances, outliers and innovations."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class TrackedTrajectory:
         covariances: (N,6,6) x y z (m), rotation about x y z (rad), in the map.
         statuses: ``ok``, ``ambiguous``, ``inconsistent`` or ``lost``.
         outliers: landmarks that were rejected, of every pose.
-        parameters: what is wrong with the odometry, by name.
+        parameters: estimated errors of the odometry, by name.
         of_base: the poses look along x, not along z.
-        remarks: what a user should look after.
+        remarks: warnings for the user.
         nis: (N,2) of what was believed at every frame: the sum of its squared errors, in standard
             deviations, and how many numbers that is of.  Live they are those of the prediction, else what is left
             once the recording is solved.
@@ -90,9 +90,9 @@ class TrackedTrajectory:
         }
 
     def at_times(self, times_s: FloatArray) -> TrackedTrajectory:
-        """The poses at some of its times; what was observed between counts at the nearest of them.
+        """The poses at some of its times; observations in between are assigned to the nearest of them.
 
-        Where most of what is so joined was inconsistent, the pose is.
+        If most of the poses assigned to one time were inconsistent, its pose is, too.
         """
         kept = np.flatnonzero(np.isin(self.times_s, times_s))
         if len(kept) == 0:
@@ -119,12 +119,12 @@ class TrackedTrajectory:
         )
 
     def looking(self, k: int) -> Pose:
-        """Pose of a camera that looks where the robot does, for drawing."""
+        """Pose of a camera that looks along the robot's x axis, for drawing."""
         return ahead_of(self.poses[k]) if self.of_base else self.poses[k]
 
 
 def _six(C: FloatArray) -> FloatArray:
-    """(N,6,6) of (N,3,3) of x, y, heading; nothing is said of the rest."""
+    """(N,6,6) from covariances (N,3,3) of x, y, heading; the other entries are zero."""
     six = np.zeros((len(C), 6, 6))
     places = np.array([0, 1, 5])
     six[:, places[:, None], places[None]] = C
