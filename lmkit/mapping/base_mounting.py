@@ -1,9 +1,9 @@
-"""Places of a robot's cameras on its base, and their clocks, from a recording with wheel odometry in a mapped room.
+"""Poses of a robot's cameras on its base, and their clocks, from a recording with wheel odometry in a mapped room.
 
-Unknown are the robot's path on the floor, the errors of its odometry, how the floor lies in the map, the place and
-the clock of every camera, and, as far as the map leaves them open, the landmarks.  All corners and all motions are
-explained at once (`mounting_problem.py`).  The base is where wheels cannot slip sideways: its x axis is the direction
-in which the robot drives, its origin the point that turns without moving.
+The unknowns are the robot's path on the floor, the errors of its odometry, the pose of the floor in the map, the pose
+and the clock of every camera, and the landmarks within the map's covariance.  One least-squares problem has all
+corners and all motions (`mounting_problem.py`).  The base is the point without sideways motion: its x axis is the
+direction in which the robot drives, its origin the point that turns without moving.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.wheel_odometry import PARAMETERS, MotionModel
 
-KNOWN_M, KNOWN_RAD = 0.01, np.deg2rad(1.0)  # a place known worse than that is named
+KNOWN_M, KNOWN_RAD = 0.01, np.deg2rad(1.0)  # a position with a larger standard deviation is named
 CLOCK_SIGMA = 3.0  # standard deviations by which a clock must differ from the rig file to be another
 
 
 @dataclass(frozen=True, eq=False)
 class CameraClock:
-    """Clock of a camera, as a recording shows it.
+    """Clock offset of a camera, estimated from a recording.
 
     Attributes:
-        offset_s, sigma_s: seconds that its stamps lack to the first camera's clock, and standard deviation.
+        offset_s, sigma_s: seconds to add to its stamps for the first camera's clock, and standard deviation.
         differs: the rig file has another offset, by more than chance.
     """
 
@@ -46,7 +46,7 @@ class CameraClock:
 
 @dataclass(frozen=True, eq=False)
 class CameraOnBase:
-    """Place of one camera on the robot.
+    """Pose of one camera on the robot.
 
     Attributes:
         name: of the camera.
@@ -54,7 +54,7 @@ class CameraOnBase:
         covariance: (6,6) of x y z (m) and the rotation about the base's axes (rad).
         frames: number of frames in which it saw landmarks of the map.
         unobserved: what the recording does not determine, in words.
-        clock: against the first camera's; None of the first one.
+        clock: relative to the first camera's; None for the first camera.
     """
 
     name: str
@@ -70,11 +70,11 @@ class BaseMounting:
     """The result.
 
     Attributes:
-        rig: with its cameras' places on the base, and their clocks where these are not as the rig file has them.
-        cameras: one by one; of a stereo pair, the left one stands for both.
+        rig: with its cameras' poses on the base, and their clock offsets where these differ from the rig file.
+        cameras: every camera; for a stereo pair only the left one.
         floor: tilts about the map's x and y (rad), and height of the base's origin (m).
         parameters: errors of the odometry, as `lmkit.odometry.wheel_odometry.PARAMETERS`.
-        rms_px: of the corners that are believed.
+        rms_px: of the corners of inliers.
         outliers: number of observations that do not fit.
         states: (N,3) x, y (m), heading (rad) of the base on the floor, in the order of time.
     """
@@ -120,17 +120,17 @@ def find_base_mounting(
     motion: MotionModel,
     height_m: float | None = None,
 ) -> BaseMounting:
-    """Find the place of every camera on the robot, together with its clock.
+    """Estimate the pose of every camera on the robot, together with its clock offset.
 
-    Clocks that agree with the rig file are held at what it says, and the places solved again.
+    Clock offsets that agree with the rig file keep its values, and the poses are solved again.
 
     Args:
         frames: of the recording; detections of every camera.
         rig: cameras, with intrinsics and time offsets.  A stereo pair keeps its baseline and its offset; cameras of
             other rigs are found one by one.
         motion: wheel odometry.
-        height_m: of the first camera above the base's origin; None: the base is taken to lie at z = 0 of the map, and
-            the heights are said to be known no better than the floor's.
+        height_m: of the first camera above the base's origin; None: the base is assumed to be at z = 0 of the map,
+            and the standard deviations of heights are at least that of the floor.
 
     Raises:
         InputError: a camera sees too little of the map, or odometry of another time.
@@ -154,7 +154,7 @@ def find_base_mounting(
 
 
 def _groups(rig: AnyRig) -> list[Group]:
-    """Cameras that keep their places to each other: name, rig, and which of the lists of detections they are."""
+    """Groups of cameras with fixed relative poses: name, rig, and indices of their lists of detections."""
     if isinstance(rig, StereoRig):
         return [("left", replace(rig, T_base_left=None), [0, 1])]
     return [(c.name, Rig.of_one(c.model, name=c.name), [k]) for k, c in enumerate(rig.cameras)]
@@ -168,7 +168,7 @@ def _solved_with_clocks(
     motion: MotionModel,
     height_m: float | None,
 ) -> MountingProblem:
-    """Every exposure has a pose of its own; the rig file's offsets are prior knowledge."""
+    """Solution with one pose per exposure; the rig file's offsets are a prior."""
     stamps = exposures(frames, synchronous(rig))
     single, clocks = [], []
     for k in range(len(groups)):
@@ -192,7 +192,7 @@ def _clocks(problem: MountingProblem, stated_s: FloatArray) -> list[CameraClock]
 
 
 def _answer(problem: MountingProblem, rig: AnyRig, clocks: Sequence[CameraClock]) -> BaseMounting:
-    """Places with covariances, and the rig with them."""
+    """Camera poses with covariances, and the rig with these poses."""
     shared, s = problem.covariance(), problem.state
     cameras = []
     for k, name in enumerate(problem.names):
@@ -211,7 +211,7 @@ def _answer(problem: MountingProblem, rig: AnyRig, clocks: Sequence[CameraClock]
 
 
 def _unobserved(C: FloatArray, height_is_assumed: bool) -> tuple[str, ...]:
-    """Numbers of a camera's place that the recording does not determine."""
+    """Components of a camera's pose that the recording does not determine."""
     sigma = np.sqrt(np.diag(C))
     words = []
     if height_is_assumed:
@@ -232,7 +232,7 @@ def _unobserved(C: FloatArray, height_is_assumed: bool) -> tuple[str, ...]:
 
 
 def _mounted(rig: AnyRig, cameras: Sequence[CameraOnBase]) -> AnyRig:
-    """The rig with the places found."""
+    """The rig with the estimated poses."""
     first = cameras[0].T_base_camera
     if isinstance(rig, StereoRig):
         return replace(rig, T_base_left=first)

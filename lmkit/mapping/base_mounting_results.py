@@ -1,4 +1,4 @@
-"""Places of cameras on a robot, in words."""
+"""Text of the camera poses on a robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lmkit.odometry.wheel_odometry import PARAMETERS
 
 
 def mounting_lines(found: BaseMounting) -> list[str]:
-    """Two lines for each camera, then what it does not show and a summary."""
+    """Two lines for each camera, its undetermined components, and a summary."""
     lines = []
     for camera in found.cameras:
         lines += _camera_lines(camera)

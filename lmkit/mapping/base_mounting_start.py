@@ -1,9 +1,9 @@
-"""Start of `base_mounting`: rough places of cameras on the robot, in closed form, and the robot's path.
+"""Start of `base_mounting`: approximate poses of cameras on the robot, in closed form, and the robot's path.
 
-Each camera's poses in the map, by the landmarks it sees, and the odometry between them give its place: the way it
-moved, in its own heading, is the robot's turned by the camera's yaw, and what the turning adds at the end of its arm
-(planar calibration of a camera against wheels; linear in the yaw's cosine and sine and in the arm).  By how much a
-camera's clock lags behind the odometry's is seen by how both turn.
+Each camera's poses in the map (from landmarks) and the odometry between them give its pose on the robot: the motion
+of the camera, in its own heading, is the robot's motion rotated by the camera's yaw, plus the motion of its lever arm
+(planar hand-eye calibration; linear in the yaw's cosine and sine and in the arm).  The delay of a camera's clock
+behind the odometry's is found by correlating the rotations of both.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ PAIR_SIGMA_M = 0.05
 ROUNDS = 10
 LAGS_S = np.arange(-0.9, 1.1, 0.01)  # of a camera's clock behind the odometry's
 TURN_SIGMA_RAD = 0.02
-LEAST_SWING_RAD = 0.1  # standard deviation of turns, below which they do not tell the time
+LEAST_SWING_RAD = 0.1  # standard deviation of rotations, below which they do not determine the delay
 FINE_S = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class MountingStart:
-    """Rough answers.
+    """Approximate solution.
 
     Attributes:
         path: (N,3) x, y (m), heading (rad) of the base.
@@ -61,7 +61,7 @@ def find_mounting_start(
     motion: MotionModel,
     clocks: IntArray | None = None,
 ) -> MountingStart:
-    """Rough places and path.
+    """Approximate camera poses and path.
 
     Args:
         clocks: (N,) group whose clock stamps each frame, to be searched; None: all are on the first one's.
@@ -105,14 +105,14 @@ def find_mounting_start(
 
 @dataclass(frozen=True, eq=False)
 class _DeadReckoning:
-    """The path that the odometry tells, as if without delay: times (K,), states (K,3)."""
+    """Path from dead reckoning, without delay: times (K,), states (K,3)."""
 
     times: FloatArray
     path: FloatArray
 
     @classmethod
     def over(cls, times_s: FloatArray, motion: MotionModel) -> _DeadReckoning:
-        """Over all times, and as much more as clocks may differ."""
+        """Dead reckoning over all times, extended by the largest clock difference."""
         fine = np.arange(times_s.min() - LAGS_S[-1], times_s.max() - LAGS_S[0], FINE_S)
         exact = np.array([*NOMINAL[:-1], 0.0])
         return cls(fine, follow(np.zeros(3), motion.planar_between(fine[:-1], fine[1:], exact)))
@@ -135,7 +135,7 @@ class _DeadReckoning:
             )
 
     def lag(self, stamps: FloatArray, headings: FloatArray) -> float:
-        """Seconds by which a camera's clock lags behind: its headings (K,) then turn as the odometry does."""
+        """Delay of a camera's clock, seconds, at which its headings (K,) change as the odometry's."""
         pairs = [_pairs(stamps, apart) for apart in APART_S]
         i, j = (np.concatenate(rows) for rows in zip(*pairs, strict=True))
         turned = headings[j] - headings[i]
@@ -151,7 +151,7 @@ class _DeadReckoning:
 
 
 def _pairs(times: FloatArray, apart_s: float) -> tuple[IntArray, IntArray]:
-    """Rows of times, and of those that come about so much later."""
+    """Pairs of rows whose times differ by about the given interval."""
     after = np.searchsorted(times, times + apart_s)
     i = np.flatnonzero(after < len(times))
     j = after[i]
@@ -162,7 +162,7 @@ def _pairs(times: FloatArray, apart_s: float) -> tuple[IntArray, IntArray]:
 def _located(
     frames: Sequence[RigFrame], rig: AnyRig, which: Sequence[int], landmarks: LandmarkMap
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Frames in which a camera is located for sure, and its (K,3,3), (K,3) poses in the map."""
+    """Frames in which a camera is located unambiguously, and its (K,3,3), (K,3) poses in the map."""
     rows, poses = [], []
     for k, frame in enumerate(frames):
         seen = [frame.seen[c] for c in which]
@@ -222,7 +222,7 @@ def _mean_rotation(R: FloatArray) -> FloatArray:
 
 
 def _path(times: FloatArray, guesses: Sequence[tuple[IntArray, FloatArray]], driven: FloatArray) -> FloatArray:
-    """(N,3) states by the cameras where they were located, else by odometry (N,3) from the frame before."""
+    """(N,3) states from the cameras where they were located, else from odometry (N,3) and the previous frame."""
     located = np.full((len(times), 3), np.nan)
     for rows, states in reversed(guesses):
         located[rows] = states

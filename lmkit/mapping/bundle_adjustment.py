@@ -1,8 +1,8 @@
-"""Bundle adjustment of a recording: rig poses, landmark poses, and what is wrong with the odometry, all at once.
+"""Bundle adjustment of a recording: rig poses, landmark poses and odometry errors, jointly.
 
 Every corner of every landmark in both cameras is an equation (Triggs et al. 2000), whitened by its own covariance and
-weighed down where it does not fit (Cauchy); odometry ties each pose to the next.  Poses form a chain, landmarks and
-odometry's parameters its border (`optim/block_chain.py`).
+down-weighted where it does not fit (Cauchy); odometry connects each pose to the next.  Poses form a chain; landmarks
+and odometry parameters form its border (`optim/block_chain.py`).
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
 CONVERGED = 1e-2  # of the cost: a last step of a tenth of a standard deviation
 DAMPING = Damping(grow=50.0)
-EXACT = 1e-12  # m^2, rad^2: what is known exactly
+EXACT = 1e-12  # m^2, rad^2: variance of exact values
 
 
 @dataclass(frozen=True, eq=False)
 class Anchor:
-    """A landmark whose pose is known beforehand, to the covariance (6,6) given; None: exactly."""
+    """A landmark with a known pose and its covariance (6,6); None: the pose is exact."""
 
     landmark: MappedLandmark
     covariance: FloatArray | None
@@ -67,7 +67,7 @@ class Anchor:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The unknowns at some time."""
+    """A snapshot of the unknowns."""
 
     R: FloatArray
     p: FloatArray
@@ -82,16 +82,16 @@ OwnState = tuple[FloatArray, FloatArray, FloatArray, CameraRelations, FloatArray
 
 
 class BundleProblem:
-    """Correspondences of a recording, and the unknowns as they stand.
+    """Correspondences of a recording, and the current values of the unknowns.
 
     Args:
         frames: in the order of time.
         start: T_map_left of every frame.
-        landmarks: as they are believed to mount; observations of others are left out.
-        anchors: what is known beforehand, by id.
+        landmarks: initial poses; observations of other landmarks are left out.
+        anchors: known landmarks, by id.
         landmarks_fixed: no landmark moves.
         constraints: walls and heights that landmarks are declared to share.
-        seen: the observations, where they are known as arrays already; numbered as the frames and landmarks here.
+        seen: the observations as arrays, if they exist; numbered as the frames and landmarks here.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class BundleProblem:
         self.parameters = np.array(self.motion.nominal)
         self.relations = CameraRelations.of_rig(rig)
         self.swelling: FloatArray = np.zeros(SWELLING)
-        self.faces: FloatArray = np.zeros((len(self.mapped), SWELLING))  # swelling of each landmark beside that
+        self.faces: FloatArray = np.zeros((len(self.mapped), SWELLING))  # swelling of each landmark relative to that
         # Of the shared unknowns, before the landmarks.
         self.own = len(self.parameters) + self.relations.unknowns + SWELLING
         self.motion_scale = np.ones(6)
@@ -138,9 +138,9 @@ class BundleProblem:
         self._converged = False  # an adjustment ended there
 
     def carry(self) -> bool:
-        """Carry cameras that expose at other times than their frames; False where there are none.
+        """Update the motion between frame and exposure of each camera; False if all are synchronous.
 
-        Odometry says how the rig moves in between; without odometry its poses do, as they stand.
+        The motion comes from odometry or, without odometry, from the current poses of the rig.
         """
         if are_synchronous(self._frames, self._rig):
             return False
@@ -158,23 +158,23 @@ class BundleProblem:
         return True
 
     def forget_frames(self) -> None:
-        """Keep no frames: the observations are arrays, and cameras are carried for the last time."""
+        """Release the frames: observations are arrays, and the motion to exposures is no longer updated."""
         self._frames = ()
 
     def forget_equations(self) -> None:
-        """Keep no normal equations of the last state, which are made anew where they are needed."""
+        """Release the normal equations of the last state; they are computed again when needed."""
         self._linearized = self._put_back = None
 
     def store_observations(self, path: Path) -> None:
-        """Keep the observations in a file, from where they are read whenever they are needed."""
+        """Move the observations to a file, from which they are read when needed."""
         if isinstance(self.seen, ObservationArrays):
             self.seen = StoredObservations.write(self.seen, path)
 
     def optimize(self, steps: int, least_share: float = 0.0, until: Callable[[State], bool] | None = None) -> float:
-        """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops.
+        """Levenberg-Marquardt from the current unknowns; the final cost.
 
         Args:
-            steps: at most so many.
+            steps: largest number of steps.
             least_share: of the cost; a step that lowers it by less is the last one.
             until: a state that needs no further step.
         """
@@ -187,7 +187,7 @@ class BundleProblem:
         return end.cost
 
     def linearize(self, state: State) -> tuple[ChainEquations, float]:
-        """Normal equations and cost at a state; not to be changed, since those of the last state are kept."""
+        """Normal equations and cost at a state; callers must not change them, because they are cached."""
         self.restore(state)
         by = self.faces, self.used, self.motion_scale, self.seen, self.slip_sigma
         at = (*self.own_state(), self.lm_R, self.lm_p, *by)
@@ -197,7 +197,7 @@ class BundleProblem:
         return self._linearized[1]
 
     def solve(self, equations: ChainEquations, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Steps of the poses and of all that they share."""
+        """Steps of the poses and of the shared unknowns."""
         return equations.solve(damping)
 
     def retract(self, state: State, step: tuple[FloatArray, FloatArray]) -> State:
@@ -207,11 +207,11 @@ class BundleProblem:
         return self.state()
 
     def state(self) -> State:
-        """The unknowns as they stand."""
+        """Snapshot of the unknowns."""
         return State(self.R, self.p, self.lm_R, self.lm_p, self.parameters, self.relations, self.swelling)
 
     def restore(self, state: State) -> None:
-        """Back to where they stood."""
+        """Restore a snapshot."""
         self.R, self.p, self.lm_R, self.lm_p = state.R, state.p, state.lm_R, state.lm_p
         self.parameters, self.relations, self.swelling = state.parameters, state.relations, state.swelling
 
@@ -226,24 +226,24 @@ class BundleProblem:
         return tuple(m.id for m in self.mapped)
 
     def own_state(self) -> OwnState:
-        """Poses, the odometry's errors, the cameras' relations and the faces' swelling as they stand."""
+        """Snapshot of poses, odometry errors, relative camera poses and face swelling."""
         return self.R, self.p, self.parameters, self.relations, self.swelling
 
     def restore_own(self, state: OwnState) -> None:
-        """Put that back."""
+        """Restore such a snapshot."""
         self.R, self.p, self.parameters, self.relations, self.swelling = state
 
     def own_moved(self, states: FloatArray, own: FloatArray) -> OwnState:
-        """Everything but the landmarks moved by a step."""
+        """The snapshot after a step of everything but the landmarks."""
         turned, moved = rotation_exp(states[:, 3:]) @ self.R, self.p + states[:, :3]
         odometry, cameras, swelling = np.split(own, [self._odometry, self.own - SWELLING])
-        # Held, it stays the same array, so that the observations need not be put back anew.
+        # If fixed, it stays the same array, so that the observations need not be corrected again.
         swollen = self.swelling + swelling if swelling.any() else self.swelling
         return turned, moved, self.parameters + odometry, self.relations.moved(cameras), swollen
 
     @property
     def _odometry(self) -> int:
-        """Number of the odometry's parameters, which are the first of the shared unknowns."""
+        """Number of odometry parameters, the first shared unknowns."""
         return len(self.parameters)
 
     def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
@@ -251,15 +251,15 @@ class BundleProblem:
         return self.lm_R, self.lm_p
 
     def put_landmarks(self, R: FloatArray, p: FloatArray) -> None:
-        """Mount all landmarks elsewhere."""
+        """Set the poses of all landmarks."""
         self.lm_R, self.lm_p = R, p
 
     def equations(self) -> tuple[ChainEquations, float]:
-        """Normal equations and cost of the unknowns as they stand, with the faces' swelling held."""
+        """Normal equations and cost of the current unknowns, with fixed face swelling."""
         return self._equations()
 
     def stated_equations(self, noise: float) -> tuple[StatedEquations, float]:
-        """Normal equations of all unknowns, whose inverse is the covariance to state, and cost.
+        """Normal equations of all unknowns, whose inverse is the stated covariance, and cost.
 
         Args:
             noise: factor of the observations' variances.
@@ -274,27 +274,27 @@ class BundleProblem:
         return with_swelling(held, bundle, weights, sums, pattern, self.own, *now), cost
 
     def find_swelling(self, noise: float, landmarks: FloatArray | None = None) -> None:
-        """Find the faces' swelling, everything else as it goes along; the optimum of that is left to be found.
+        """One step of the face swelling together with all unknowns; solve for the other unknowns again afterwards.
 
         Args:
             noise: factor of the observations' variances.
-            landmarks: (6L,) step of their poses, if other recordings tell of those as well.
+            landmarks: (6L,) step of their poses, if other recordings observe them as well.
         """
         stated = self.stated_equations(noise)[0]
         shared, faces = stated.solve() if landmarks is None else stated.solve_around(landmarks, self.own)
         self.swelling, self.faces = self.swelling + shared[self.own - SWELLING : self.own], self.faces + faces
 
     def cost(self) -> float:
-        """Cost of the unknowns as they stand."""
+        """Cost of the current unknowns."""
         return self.linearize(self.state())[1]
 
     def put(self, landmark: int, R: FloatArray, p: FloatArray) -> None:
-        """Mount one landmark elsewhere."""
+        """Set the pose of one landmark."""
         self.lm_R, self.lm_p = self.lm_R.copy(), self.lm_p.copy()
         self.lm_R[landmark], self.lm_p[landmark] = R, p
 
     def lay(self, R: FloatArray, t: FloatArray) -> None:
-        """Move everything by one rotation and shift, x -> R x + t, what is known beforehand as well."""
+        """Transform everything, x -> R x + t, including the anchors."""
         self.R, self.p = R @ self.R, self.p @ R.T + t
         self.lm_R, self.lm_p = R @ self.lm_R, self.lm_p @ R.T + t
         turn = np.kron(np.eye(2), R)
@@ -309,26 +309,26 @@ class BundleProblem:
         return self.R @ self.base_R, self.p + self.R @ self.base_t
 
     def is_fixed(self, landmark: int) -> bool:
-        """Is its pose known exactly?"""
+        """Whether a landmark's pose is known exactly."""
         m = self.mapped[landmark]
         anchor = self.anchors.get(m.id)
         return anchor is not None and anchor.covariance is None
 
     def landmark_costs(self) -> FloatArray:
-        """(L,) what each landmark's observations cost."""
+        """(L,) cost of each landmark's observations."""
         squared = self.residuals() ** 2
         cost = 8 * cauchy_cost(squared) * self.used
         return np.asarray(np.bincount(self.seen.of, cost, len(self.mapped)), dtype=np.float64)
 
     def landmark_steps(self) -> FloatArray:
-        """(L,6) a step of each landmark alone, with the rig where it is."""
+        """(L,6) step of each landmark alone, with fixed rig poses."""
         e = self._equations()[0]
         rows = self.own + 6 * np.arange(len(self.mapped))[:, None] + np.arange(6)
         blocks, gradients = e.corner[rows[:, :, None], rows[:, None]], e.shared_gradient[rows]
         return np.asarray(np.linalg.solve(blocks, gradients[..., None])[..., 0])
 
     def seen_along(self) -> FloatArray:
-        """(L,3) unit vectors from landmarks to where they were seen from, at the center."""
+        """(L,3) unit vectors from landmarks to the mean position of the cameras that saw them."""
         away = self.p[self.seen.at] - self.lm_p[self.seen.of]
         away = away / np.linalg.norm(away, axis=1, keepdims=True) * self.used[:, None]
         total = np.zeros((len(self.mapped), 3))
@@ -336,14 +336,14 @@ class BundleProblem:
         return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
 
     def drop_outliers(self, sigma: float) -> int:
-        """Leave out observations that do not fit at all: even weighed down, many of them pull together."""
+        """Leave out gross outliers: even down-weighted, many of them together bias the solution."""
         used = self.residuals() < sigma
         if (used != self.used).any():
             self.used = used
         return int((~used).sum())
 
     def weigh_motion(self) -> None:
-        """How well the wheels count, from how they agree with what was seen."""
+        """Update the odometry noise from its agreement with the observations."""
         if len(self.times) < LEAST_TO_WEIGH:
             return
         states, across, _ = self.linearize(self.state())[0].covariances()
@@ -383,14 +383,14 @@ class BundleProblem:
                 cost += add_constraint(equations, constraint, members, self.lm_R, self.lm_p, self.own)
         if len(self.times) > 1:
             cost += add_motions(equations, self.motion_rows(), self.motion, self.parameters)
-        # Never singular: a pose that nothing sees, a landmark that no pose sees.
+        # Never singular, also for poses and landmarks without observations.
         for matrix in (equations.diagonal, equations.corner[None]):
             diagonal = np.arange(matrix.shape[1])
             matrix[:, diagonal, diagonal] += 1e-9
         return equations, cost
 
     def _pattern(self) -> tuple[BlockPattern, IntArray]:
-        """Which landmarks each pose sees, and the block of every observation."""
+        """Sparsity: the landmarks that each pose sees, and the block of every observation."""
         if self._blocks is None:
             self._blocks = BlockPattern.of_pairs(self.seen.at, self.seen.of, len(self.times), self.own, 6)
         return self._blocks
@@ -419,11 +419,11 @@ class BundleProblem:
         return cost
 
     def members(self, constraint: LandmarkConstraint) -> list[int]:
-        """Rows of those landmarks of a tie that the recording has."""
+        """Rows of those landmarks of a constraint that the recording contains."""
         return [k for k, landmark in enumerate(self.mapped) if landmark.id in constraint.ids]
 
     def motion_rows(self) -> MotionRows:
-        """Equations of the motions as they stand."""
+        """Equations of the motions at the current state."""
         return weighed(self._motions(), self.slip_sigma)
 
     def _motions(self) -> StandardMotions:
@@ -434,7 +434,7 @@ class BundleProblem:
         return slice(self.own + 6 * landmark, self.own + 6 * landmark + 6)
 
     def landmark_information(self) -> FloatArray:
-        """(6L,6L) what the observations alone tell of the landmarks, wherever the rig was."""
+        """(6L,6L) information of the observations on the landmarks, with the rig poses eliminated."""
         e = self._equations()[0]
         across = e.dense_border()[:, :, self.own :]
         determined = np.einsum("nia,nij,njb->ab", across, np.linalg.inv(e.diagonal), across)
@@ -449,7 +449,7 @@ class BundleProblem:
         return kernel.whitened_errors(self._correspondences())
 
     def landmarks(self, covariance: FloatArray | None = None) -> LandmarkMap:
-        """The map as it stands."""
+        """The current map."""
         mapped = []
         for k, m in enumerate(self.mapped):
             C = None
@@ -467,12 +467,12 @@ class BundleProblem:
         known: FloatArray | None = None,
         noise: float = 1.0,
     ) -> Bundle:
-        """Everything, with covariances.
+        """The solution with covariances.
 
         Args:
-            believed_below: of an observation's residual.
-            spread: by row, (6,6) to be added to the covariance of landmarks.
-            known: (6L,6L) information on the landmarks from elsewhere.
+            believed_below: residual below which an observation is an inlier.
+            spread: (6,6) to add to the covariance of landmarks, by row.
+            known: (6L,6L) information on the landmarks from other recordings.
             noise: factor of the observations' variances.
         """
         equations, _ = self.stated_equations(noise)
@@ -502,7 +502,7 @@ class BundleProblem:
         )
 
     def _jumps(self, covariances: FloatArray) -> tuple[tuple[float, float, float], ...]:
-        """Against the wheels where there are some, else faster than the rig ever moves."""
+        """Jumps that contradict the odometry or, without odometry, the largest speed of the rig."""
         if len(self.times) < 2:
             return ()
         if isinstance(self.motion, BoundedMotion):

@@ -19,14 +19,14 @@ class Bundle:
         times_s: (N,).
         poses: of the left camera in the map, with (N,6,6) covariances.
         landmarks: with their covariances.
-        joint: (6L,6L) covariance of all landmarks, in their order: they err alike.
-        parameters: (P,) what is wrong with the odometry, as its `names`; none without.
+        joint: (6L,6L) covariance of all landmarks, in their order: their errors are correlated.
+        parameters: (P,) errors of the odometry, named by its `names`; empty without odometry.
         parameter_sigmas: (P,) their standard deviations.
         residuals: (S,) root mean square of each observation's eight standardized corner coordinates.
         ids: (L) of the landmarks.
         of, frames: (S,) of the observations: index into ``ids``, and frame.
-        rms_px: of the corners of observations that are believed.
-        jumps: (from_s, to_s, meters) between which the rig moved otherwise than the wheels say, or jumped.
+        rms_px: of the corners of inliers.
+        jumps: (from_s, to_s, meters) of motions that contradict the odometry, or are too fast.
     """
 
     times_s: FloatArray

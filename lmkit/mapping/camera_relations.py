@@ -1,8 +1,8 @@
-"""How the cameras of a rig stand to each other, as unknowns of a bundle adjustment.
+"""Relative poses of a rig's cameras, as unknowns of a bundle adjustment.
 
 A rig file has errors: with a baseline of 12 cm, 0.03 deg of yaw move a landmark at 4 m by 7 cm, in every frame alike.
-Landmarks seen by two cameras tell the relation far better than that, so it is estimated with everything else; the rig
-file is prior knowledge.
+Landmarks seen by two cameras determine the relative pose far better, so it is estimated with all other unknowns; the
+rig file is the prior.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.geometry.rotations import rotation_exp, rotation_log
 from lmkit.optim.block_chain import ChainEquations
 
-# Of a camera to the first one, where the rig file does not say: as calibrations leave it.
+# Of a camera relative to the first one, if the rig file has no covariance: typical of calibrations.
 SIGMA_M, SIGMA_RAD = 0.0005, np.deg2rad(0.05)
 EXACT = 1e-12  # m^2, rad^2
 SIZE = 6  # unknowns of one camera: a shift in its own frame, m, and a turn about its own axes, rad
@@ -24,13 +24,13 @@ SIZE = 6  # unknowns of one camera: a shift in its own frame, m, and a turn abou
 
 @dataclass(frozen=True, eq=False)
 class CameraRelations:
-    """Every camera of a rig against the rig file.
+    """Corrections of every camera's pose relative to the rig file.
 
     Attributes:
         stated_t: (C,3) of T_camera_left in the rig file.
-        information: (C,6,6) of the shift and the turn against it; of the first camera not used.
-        turn: (C,3,3) by which the camera has turned about its own axes; the first one has not.
-        t: (C,3) of T_camera_left as it is now.
+        information: (C,6,6) of shift and rotation relative to it; not used for the first camera.
+        turn: (C,3,3) rotation of the camera about its own axes; identity for the first one.
+        t: (C,3) current translation of T_camera_left.
     """
 
     stated_t: FloatArray
@@ -40,7 +40,7 @@ class CameraRelations:
 
     @classmethod
     def of_rig(cls, rig: AnyRig) -> CameraRelations:
-        """The relations as the rig file has them."""
+        """The relative poses of the rig file."""
         cameras = mounted_cameras(rig)
         t = np.array([camera.T_camera_left.t for camera in cameras])
         usual = np.diag([SIGMA_M**2] * 3 + [SIGMA_RAD**2] * 3)
@@ -50,7 +50,7 @@ class CameraRelations:
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns: of all cameras but the first."""
+        """Number of unknowns: six for every camera but the first."""
         return SIZE * (len(self.t) - 1)
 
     def moved(self, step: FloatArray) -> CameraRelations:
@@ -71,7 +71,7 @@ class CameraRelations:
         return turn @ R, np.where(camera[:, None] > 0, moved, t)
 
     def add_prior(self, equations: ChainEquations, first: int) -> float:
-        """Add what the rig file says to shared unknowns from ``first`` on; its cost."""
+        """Add the prior of the rig file to the shared unknowns from ``first`` on; its cost."""
         cost = 0.0
         for k in range(1, len(self.t)):
             rows = slice(first + SIZE * (k - 1), first + SIZE * k)

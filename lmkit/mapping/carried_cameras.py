@@ -1,8 +1,9 @@
-"""Cameras of a rig that do not expose at the same time, carried to the time of their frame.
+"""Compensation of the rig's motion between the exposures of cameras that are not synchronized.
 
-A camera that exposes a little later than its frame sees from where the rig is by then.  There are two methods to get
-the pose of the frame.  With odometry, every exposure is a frame of its own (`split_by_exposure`), and odometry, with
-its noise, ties them together.  Without, the rig is carried as its own poses move (`carry_frames`), without noise.
+A camera that exposes later than its frame sees from the rig's pose at that time.  There are two methods to get the
+pose of the frame.  With odometry, every exposure is a frame of its own (`split_by_exposure`), and odometry, with its
+noise, connects them.  Without odometry, the motion is interpolated from the rig's poses (`carry_frames`), without
+noise.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from lmkit.model.observation import Detection
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.motion_model import Motion
 
-TOGETHER_S = 2e-4  # a rig does not move in so little time
+TOGETHER_S = 2e-4  # motion of the rig in a shorter time is neglected
 
 
 def exposures(frames: Sequence[RigFrame], rig: AnyRig) -> FloatArray:
@@ -31,7 +32,7 @@ def exposures(frames: Sequence[RigFrame], rig: AnyRig) -> FloatArray:
 
 
 def are_synchronous(frames: Sequence[RigFrame], rig: AnyRig) -> bool:
-    """Do all cameras expose at the time of their frame?"""
+    """Whether all cameras expose at the time of their frame."""
     times = np.array([frame.time_s for frame in frames])
     return not (np.abs(exposures(frames, rig) - times[:, None]) >= TOGETHER_S).any()
 
@@ -39,7 +40,7 @@ def are_synchronous(frames: Sequence[RigFrame], rig: AnyRig) -> bool:
 def motion_to(
     times_s: FloatArray, then_s: FloatArray, rig: AnyRig, motion: Motion, parameters: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(N,3,3), (N,3) how the rig's first camera moves from times to others, in its frame at the former.
+    """(N,3,3), (N,3) motion of the rig's first camera between pairs of times, in its frame at the first time.
 
     Args:
         times_s, then_s: (N,), in either order.
@@ -49,7 +50,7 @@ def motion_to(
 
 
 def to_camera(R: FloatArray, t: FloatArray, rig: AnyRig) -> tuple[FloatArray, FloatArray]:
-    """(N,3,3), (N,3) how the rig's first camera moves where the base moves by R and t."""
+    """(N,3,3), (N,3) motion of the rig's first camera for a motion R, t of the base."""
     T = rig.T_base_left
     if T is None:
         return R, t
@@ -59,18 +60,18 @@ def to_camera(R: FloatArray, t: FloatArray, rig: AnyRig) -> tuple[FloatArray, Fl
 def carried_from(
     time_s: float, then_s: Sequence[float], rig: AnyRig, motion: Motion, parameters: FloatArray
 ) -> tuple[Pose, ...]:
-    """T_left_left: how the rig moves from one time to each of others."""
+    """T_left_left: motion of the rig from one time to each of several others."""
     return carried_by(*motion.between(np.full(len(then_s), time_s), np.array(then_s), parameters), rig)
 
 
 def carried_by(R: FloatArray, t: FloatArray, rig: AnyRig) -> tuple[Pose, ...]:
-    """T_left_left where the base moves by R (N,3,3), t (N,3)."""
+    """T_left_left for motions R (N,3,3), t (N,3) of the base."""
     moves = zip(*to_camera(R, t, rig), strict=True)
     return tuple(Pose("left", "left", orthonormal(turn), way) for turn, way in moves)
 
 
 def carry_frames(frames: Sequence[RigFrame], rig: AnyRig, motion: Motion, parameters: FloatArray) -> list[RigFrame]:
-    """The frames, with how the rig moved until each camera's exposure."""
+    """The frames, with the motion of the rig until each camera's exposure."""
     times, then = np.array([frame.time_s for frame in frames]), exposures(frames, rig)
     by_camera = [motion_to(times, column, rig, motion, parameters) for column in then.T]
     return [
@@ -80,7 +81,7 @@ def carry_frames(frames: Sequence[RigFrame], rig: AnyRig, motion: Motion, parame
 
 
 def synchronous(rig: AnyRig) -> AnyRig:
-    """The rig, all of whose cameras expose at the time of their frame, as those of `split_by_exposure` do."""
+    """The rig with zero time offsets, as needed for the frames of `split_by_exposure`."""
     return with_time_offsets(rig, [0.0] * (len(mounted_cameras(rig)) - 1))
 
 

@@ -1,9 +1,9 @@
 """Clock offsets of a rig's cameras, from a recording of a moving rig in a mapped room.
 
-The first camera alone gives the path.  Along it, each other camera's offset is searched for.  Then every exposure is
-a pose of its own, tied to its neighbors in time by odometry; poses, errors of the odometry and offsets are solved
-together, by bundle adjustment with the offsets as they stand and Gauss-Newton steps of the offsets in which all else
-moves along.
+The first camera alone gives the path.  The offset of each other camera is searched along this path.  Then every
+exposure is a pose of its own, connected to its neighbors in time by odometry; poses, errors of the odometry and
+offsets are solved together: bundle adjustment with the current offsets alternates with Gauss-Newton steps of the
+offsets, in which all other unknowns are eliminated.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ ROUNDS, CONVERGED_S, CONVERGED_NOISE = 10, 1e-5, 0.05
 # Scale of the loss of motions once the path is found: that of surveys, 10, lets one slip pull as twelve standard
 # deviations, and clocks give way to it.
 SLIP_SIGMA = 3.0
-SLIPPED_SIGMA = 4.0  # root mean square over a motion's six numbers: what says nothing of the noise of others
+SLIPPED_SIGMA = 4.0  # root mean square over a motion's six numbers: slips, which are not used for the noise
 LEAST_SCALE = 0.015  # of the noise of motions: numbers that simulated wheels leave without noise
 # To both sides, for derivatives with an offset: over less, noise from row to row looks like changes of speed.
 CLOCK_SPAN_S = 0.03
 APART_S = 1e-6  # exposures at one time
-KNOWN_S = 0.01  # an offset known worse than that is named
+KNOWN_S = 0.01  # an offset with a larger standard deviation is named
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class ClockOffsets:
 def find_clock_offsets(
     frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, motion: Motion
 ) -> ClockOffsets:
-    """Find by how much every camera exposes later than its stamps say, on the first camera's clock.
+    """Estimate exposure time minus time stamp of every camera, on the first camera's clock.
 
     Args:
         frames: detections of every camera; the rig moves and turns.
@@ -102,7 +102,7 @@ def find_clock_offsets(
         motion: odometry.
 
     Raises:
-        InputError: a rig of one camera, or a camera that sees nothing of the map.
+        InputError: a rig of one camera, or a camera that sees no landmark of the map.
     """
     cameras, rig = mounted_cameras(rig), synchronous(rig)
     if len(cameras) < 2:
@@ -148,7 +148,7 @@ class _Exposures:
     Attributes:
         frames: one per exposure in which landmarks were seen, and one per exposure of the first camera.
         cameras: (M,) which camera exposes.
-        R, p: (M,3,3), (M,3) T_map_left by then.
+        R, p: (M,3,3), (M,3) T_map_left at the exposure.
     """
 
     frames: list[RigFrame]
@@ -177,13 +177,13 @@ class _Exposures:
         return cls(single, np.array(cameras), base_R @ R, base_p + (base_R @ t[..., None])[..., 0])._sorted()
 
     def moved(self, problem: BundleProblem, step: FloatArray) -> _Exposures:
-        """Exposures as a problem has solved them, with offsets moved by a step."""
+        """Exposures with the poses of a solved problem, and offsets after a step."""
         later = np.append(0.0, step)[self.cameras].tolist()
         frames = [replace(frame, time_s=frame.time_s + s) for frame, s in zip(self.frames, later, strict=True)]
         return _Exposures(frames, self.cameras, problem.R, problem.p)._sorted()
 
     def _sorted(self) -> _Exposures:
-        """In the order of time; those at one time a little apart."""
+        """Exposures in the order of time; simultaneous ones are moved slightly apart."""
         times = np.array([frame.time_s for frame in self.frames])
         order = np.argsort(times, kind="stable")
         spread = np.maximum.accumulate(times[order] - APART_S * np.arange(len(order))) + APART_S * np.arange(
@@ -195,7 +195,7 @@ class _Exposures:
     def problem(
         self, rig: AnyRig, landmarks: LandmarkMap, start: Start, before: BundleProblem, exact: bool
     ) -> BundleProblem:
-        """Bundle adjustment of all exposures; what is known of the odometry is taken from the one before."""
+        """Bundle adjustment of all exposures; odometry errors start from the previous problem."""
         seen = {o.id for frame in self.frames for o in frame.detections}
         mapped = LandmarkMap([m for m in landmarks if m.id in seen])
         poses = PoseArray("map", "left", self.R, self.p)
@@ -208,7 +208,7 @@ class _Exposures:
 
 
 def _seen_by(frames: Sequence[RigFrame], camera: int, count: int) -> list[RigFrame]:
-    """The frames, with what one camera saw."""
+    """The frames with the detections of one camera."""
     return [
         replace(frame, seen=tuple(frame.seen[k] if k == camera else () for k in range(count))) for frame in frames
     ]
@@ -217,7 +217,7 @@ def _seen_by(frames: Sequence[RigFrame], camera: int, count: int) -> list[RigFra
 def _searched(
     problem: BundleProblem, start: Start, frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap
 ) -> float:
-    """Offset at which what one camera saw fits the path best, seconds."""
+    """Offset at which one camera's detections fit the path best, seconds."""
     seen = ObservationArrays.collect([frames[k] for k in start.rows], rig, [m.id for m in landmarks])
     arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in landmarks])
     mounted = PoseArray.from_poses("map", "landmark", [m.T_map_landmark for m in landmarks])
@@ -232,9 +232,9 @@ def _searched(
 
 
 def _weigh_motion(problem: BundleProblem) -> float:
-    """Judge how well the odometry counts by how it agrees with the cameras; by which share that changed at most.
+    """Update the odometry noise from its agreement with the cameras; returns the largest relative change.
 
-    Slips are left out: as the loss has them, one would count as much as hundreds of motions.
+    Slips are left out: with the robust loss, one slip would count as much as hundreds of motions.
     """
     states, across, _ = problem.equations()[0].covariances()
     rows = problem.motion_rows()
@@ -247,9 +247,9 @@ def _weigh_motion(problem: BundleProblem) -> float:
 
 
 def _step(problem: BundleProblem, cameras: IntArray, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gauss-Newton step of the offsets, all else moving along, and their standard deviations (C-1,), seconds.
+    """Gauss-Newton step of the offsets, all else eliminated, and their standard deviations (C-1,), seconds.
 
-    A camera that exposes later by a little has its neighbors in time nearer behind and farther ahead.
+    If an exposure is slightly later, the next neighbor in time is nearer and the previous one farther.
     """
     e = problem.linearize(problem.state())[0]
     (count, size), shared = e.gradient.shape, len(e.corner)

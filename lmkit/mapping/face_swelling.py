@@ -1,11 +1,11 @@
-"""How much larger or smaller a camera shows landmarks than they are: numbers that a recording finds for itself.
+"""Swelling of faces: landmarks appear larger or smaller than they are, by amounts that each recording estimates.
 
-Exposure, sharpening, tone curves and prints of the wrong size move the edges of all faces alike, by 0.03 to 0.1 px to
-the inside or the outside.  That does not average out over images: a face of 25 px that seems 0.1 px smaller seems
-0.4 % farther away, in all images of all landmarks.  Corners stand outside their places by one way along the width of
-the face and by another along its height, in all images alike: two numbers of the recording.  Single landmarks stray
-from them by less, for their light, their distance and their print: two numbers of each landmark.  The baseline, the
-odometry and the faces' different distances tell of all.
+Exposure, sharpening, tone curves and prints of the wrong size move the edges of all faces by the same 0.03 to 0.1 px
+to the inside or the outside.  That does not average out over images: a face of 25 px that seems 0.1 px smaller seems
+0.4 % farther away, in all images of all landmarks.  Corners are shifted outward by one amount along the width of the
+face and by another along its height, the same in all images: two parameters of the recording.  Single landmarks
+deviate from them less, because of light, distance and print: two parameters of each landmark.  The baseline, the
+odometry and the different distances of the faces determine these parameters.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.border_blocks import BlockPattern
 
 SIGMA_PX = 0.06  # simulated cameras of five kinds: 0.01 to 0.09 px
-# Of one landmark around those of all, where its side is so long; it falls with the square of the side.
+# Of one landmark relative to all, at this side; it falls with the square of the side.
 FACE_SIGMA_PX, FACE_SIDE_PX = 0.018, 30.0
-LEAST_SIDE_PX = 15.0  # smaller faces count as this large
+LEAST_SIDE_PX = 15.0  # smaller faces are treated as this large
 
 
 def without_swelling(bundle: Bundle, swelling: FloatArray, faces: FloatArray) -> FloatArray:
-    """(S,4,2) the observed rays, put back by a swelling (2,) of all, and (L,2) of each landmark, px."""
+    """(S,4,2) the observed rays, corrected for a swelling (2,) of all, and (L,2) of each landmark, px."""
     shifts = (outward(bundle) @ (swelling + faces[bundle.of])[:, :, None])[:, :, 0]
     return np.asarray(bundle.rays - shifts.reshape(-1, 4, 2))
 
@@ -41,12 +41,12 @@ def face_sides(bundle: Bundle) -> FloatArray:
 
 
 def face_sigmas(sides: FloatArray) -> FloatArray:
-    """(L,) standard deviation of the swelling of single faces with so long sides, px."""
+    """(L,) standard deviation of the swelling of single faces with these sides, px."""
     return np.asarray(FACE_SIGMA_PX * (FACE_SIDE_PX / np.maximum(sides, LEAST_SIDE_PX)) ** 2)
 
 
 def hold_swelling(e: ChainEquations, first: int) -> None:
-    """Let equations leave the swelling as it stands, which are the shared unknowns from ``first`` on."""
+    """Fix the swelling, the shared unknowns from ``first`` on, in equations."""
     rows = np.arange(first, first + SIZE)
     e.corner[rows, rows] += SIGMA_PX**-2
 
@@ -62,14 +62,14 @@ def with_swelling(
     faces: FloatArray,
     sides: FloatArray,
 ) -> StatedEquations:
-    """Equations of everything, from those that hold the swelling.
+    """Equations of all unknowns, from equations with fixed swelling.
 
     Args:
-        bundle: without the swelling, as it stands.
+        bundle: without the swelling, at the current state.
         weights: (S,) of the observations.
         sums: zeros, of the blocks of ``pattern``.
         own: shared unknowns before the landmarks, the last of which are the swelling of all.
-        swelling, faces: (2,), (L,2) px as they stand.
+        swelling, faces: (2,), (L,2) px, current values.
         sides: (L,) px of the landmarks.
     """
     add_face_equations(bundle, weights, sums)

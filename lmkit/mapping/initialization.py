@@ -32,14 +32,14 @@ from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, OdometryPath, Reck
 from lmkit.odometry.motion_model import BoundedMotion, Motion
 
 SETTLING = 4  # steps of bundle adjustment after each round
-SETTLED_SHARE = 1e-3  # of the cost: the next round moves everything further than that
+SETTLED_SHARE = 1e-3  # of the cost: the next round changes it by more than that
 RETRY = 1.5
-NEIGHBOUR_M = 0.5  # of odometry to a located neighbor, from which a frame is refined without looking further
+NEIGHBOUR_M = 0.5  # of odometry to a located neighbor, from which a frame is refined without a search
 REFINING = 8
-# Without odometry: neighbors in time are so near to each other.
+# Without odometry: largest distance of neighbors in time.
 NEIGHBOUR_S, NEIGHBOUR_MPS, NEIGHBOUR_RADPS = 1.0, 1.0, 1.5
 LEAST_VIEWS = 2  # frames that agree on a landmark's place; one alone may have misread its code
-# Single landmarks leave valleys of poses; a view that is known to a meter places nothing.
+# Single landmarks leave valleys of poses; a view with an uncertainty of a meter places no landmark.
 PLACING = LocateOptions(far_m=0.25, far_rad=np.deg2rad(8.0))
 
 
@@ -48,10 +48,10 @@ class Start:
     """Poses and landmarks connected by the observations of a recording.
 
     Attributes:
-        poses: T_map_left of frames, located or carried on by odometry; None: neither.
+        poses: T_map_left of frames, located or from dead reckoning; None: neither.
         placed: landmarks.
-        anchors: those that were known beforehand, or the one that was chosen.
-        unplaced: what could not be placed.
+        anchors: known landmarks, or the one that was chosen.
+        unplaced: landmarks that could not be placed.
         recorded: the recording's observations as arrays.
     """
 
@@ -74,7 +74,7 @@ class Start:
         constraints: Sequence[LandmarkConstraint] = (),
         landmarks_fixed: bool = False,
     ) -> BundleProblem:
-        """Bundle adjustment of the frames that have a pose, and of the landmarks that those see."""
+        """Bundle adjustment of the frames that have a pose, and of the landmarks that they observe."""
         posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
         some = [frames[k] for k, _ in posed]
         seen = {o.id for frame in some for o in frame.detections}
@@ -99,15 +99,15 @@ def find_start(
     anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
 ) -> Start:
-    """Poses and landmarks, as far as observations tie them together.
+    """Poses and landmarks that are connected by observations.
 
     Args:
         sizes_m: printed size of every landmark to be placed.
-        anchors: landmarks whose poses are known, roughly or well; none: the landmark observed best stands upright
-            in the map's origin and looks along its x.
+        anchors: landmarks whose poses are known, exactly or not; none: the landmark observed best is upright
+            at the map's origin and faces along its x axis.
 
     Raises:
-        InputError: nothing to start from, or odometry without T_base_left or of another time.
+        InputError: no frame can be located, or odometry without T_base_left or of another time.
     """
     if motion is not None:
         if motion.of_base and rig.T_base_left is None:
@@ -152,7 +152,9 @@ class _Search:
     poses: list[Pose | None] = field(init=False)
     placed: dict[LandmarkId, MappedLandmark] = field(init=False)
     recorded: RecordedObservations = field(init=False)
-    tries: dict[int, int] = field(default_factory=dict)  # of a frame: landmarks that it saw in vain
+    tries: dict[int, int] = field(
+        default_factory=dict
+    )  # of a frame: placed landmarks with which it could not be located
 
     def __post_init__(self) -> None:
         self.recorded = RecordedObservations(self.frames, self.rig)
@@ -164,13 +166,13 @@ class _Search:
         self.expected = self.motion or BoundedMotion(times, most_knots=0)
 
     def run(self) -> None:
-        """Round by round, until nothing comes anew."""
+        """Repeat rounds until no frame or landmark is added."""
         least = LEAST_VIEWS
         while True:
             news = self.locate_more()
             reckoned = ReckonedPoses(self.poses, self.path)
             news += self.place_more(reckoned, least)
-            # What one frame alone saw is placed last, and only where nothing contradicts.
+            # Landmarks of a single frame are placed last, and only without contradiction.
             stuck = news == 0 and least == 1
             if stuck:
                 news = self.locate_by_neighbors(reckoned) if any(self.poses) else self.locate_likeliest(reckoned)
@@ -179,7 +181,7 @@ class _Search:
             least = LEAST_VIEWS if news else 1
 
     def place_more(self, reckoned: ReckonedPoses, least: int) -> int:
-        """Landmarks that enough views agree on."""
+        """Place landmarks on which enough views agree."""
         news = 0
         for key in sorted(self.placing.wanted - self.placed.keys()):
             landmark = self.placing.place(key, self.poses, reckoned, least)
@@ -191,7 +193,7 @@ class _Search:
         return news
 
     def optimize(self) -> None:
-        """A few steps of bundle adjustment, so that errors do not add up from round to round."""
+        """A few steps of bundle adjustment, so that errors do not accumulate over rounds."""
         start = Start(self.poses, self.placed, self.anchors, recorded=self.recorded)
         problem = start.problem(self.frames, self.rig, self.expected)
         problem.optimize(SETTLING, SETTLED_SHARE)
@@ -200,18 +202,18 @@ class _Search:
         self.placed.update({m.id: m for m in problem.landmarks()})
 
     def map_so_far(self) -> LandmarkMap:
-        """A copy whose pose counts as exactly known."""
+        """The placed landmarks as a map without covariances."""
         return LandmarkMap([replace(m, covariance=None) for m in self.placed.values()])
 
     def locate_more(self) -> int:
-        """Frames located from what is placed; those tried before are tried again when they see more of it."""
+        """Locate frames with placed landmarks; frames that failed are tried again when more of theirs are placed."""
         landmarks, news = self.map_so_far(), 0
         reckoned = ReckonedPoses(self.poses, self.path)
         for k, frame in enumerate(self.frames):
             if self.poses[k] is not None:
                 continue
             known = len({o.id for o in frame.detections} & self.placed.keys())
-            # Again only when it sees a good deal more of what is placed.
+            # Again only when clearly more of its landmarks are placed.
             if known == 0 or known < RETRY * self.tries.get(k, 0):
                 continue
             self.tries[k] = known
@@ -233,7 +235,7 @@ class _Search:
         return news
 
     def beside_a_neighbor(self, k: int) -> ReckonedPose | None:
-        """Pose by odometry from a located neighbor in time; None if none is near."""
+        """Pose by dead reckoning from a located neighbor in time; None if none is near."""
         if self.path is None:
             return None
         for at in (k - 1, k + 1):
@@ -244,7 +246,7 @@ class _Search:
         return None
 
     def locate_likeliest(self, reckoned: ReckonedPoses) -> int:
-        """Frame whose best pose is the likeliest against its others; 0 without one."""
+        """Locate the frame whose best pose is most likely relative to its second; 0 if there is none."""
         landmarks = self.map_so_far()
         best: tuple[float, int, Pose] | None = None
         for k, frame in enumerate(self.frames):
@@ -254,7 +256,7 @@ class _Search:
             if found.T_map_camera is None or found.covariance is None:
                 continue
             ratio = found.alternatives[0][1] if found.alternatives else SURE_RATIO
-            # Nearer views first among those that are as sure.
+            # Nearer views first among those of equal certainty.
             score = min(ratio, SURE_RATIO) - float(np.sqrt(np.trace(found.covariance[:3, :3])))
             if best is None or score > best[0]:
                 best = score, k, found.T_map_camera
@@ -264,7 +266,7 @@ class _Search:
         return 1
 
     def locate_by_neighbors(self, reckoned: ReckonedPoses) -> int:
-        """Frames that allow several poses, or a valley of them: the one near where the rig was just before."""
+        """Locate frames with several poses, or a valley of poses, by the pose near the previous frame."""
         landmarks, frames = self.map_so_far(), self.frames
         allowed: dict[int, list[Pose]] = {}
         news = 0
@@ -291,7 +293,7 @@ class _Search:
 
 
 def _refined(guess: ReckonedPose, frame: RigFrame, rig: AnyRig, landmarks: LandmarkMap) -> tuple[Pose, bool] | None:
-    """The pose near the guess that fits all that is seen, and whether that is sure; None where it does not fit."""
+    """The pose near the guess that fits all observations, and whether it is unambiguous; None if none fits."""
     seen = Correspondences.of_rig(frame.seen, rig, landmarks, CORNER_FLOOR_PX)
     if len(seen) == 0 or seen.twice:
         return None
@@ -305,5 +307,5 @@ def _refined(guess: ReckonedPose, frame: RigFrame, rig: AnyRig, landmarks: Landm
 
 
 def _apart(a: Pose, b: Pose) -> float:
-    """Meters, a radian as much as a meter."""
+    """Distance of two poses in meters; a radian counts as a meter."""
     return float(np.linalg.norm(a.t - b.t)) + rotation_angle(a.R.T @ b.R)
