@@ -1,13 +1,13 @@
 """`locate_rig`: the pose of a rig of one or more cameras from all corners of all landmarks in view.
 
 1. Every landmark alone gives two poses (a square seen by one camera has a second pose; IPPE, Collins and
-   Bartoli 2014).  All of them, carried into the map, are hypotheses.
-2. Each hypothesis is fitted to its own landmark in all cameras, then to all landmarks that it comes
-   near to, so one wrong code cannot capture the start.
-3. Those that are still different poses are refined on all corners of the landmarks they explain,
+   Bartoli 2014).  All of them, transformed into the map, are hypotheses.
+2. Each hypothesis is fitted to its own landmark in all cameras, then to all landmarks that it
+   nearly explains, so one wrong code cannot determine the start.
+3. Hypotheses that are still different are refined on all corners of the landmarks they explain,
    weighted by the corners' own covariance (these three steps: `kernels/pose_search.py`).
-4. The likelihood ratio of the best to the next pose that is really another one decides whether
-   the answer is ``ok`` or ``ambiguous``.
+4. The likelihood ratio of the best pose to the next distinct pose decides whether
+   the status is ``ok`` or ``ambiguous``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SAME_TURN_RAD = np.deg2rad(2.0)
 SAME_PLACE_M = 0.05
 LISTED_BELOW = 25.0  # log likelihood ratio of alternatives that are listed
 MOST_LISTED = 3
-# Iterations: toward its own landmark, toward all it comes near to, and to the end.
+# Iterations: with its own landmark, with all that it nearly explains, and to convergence.
 TOWARDS_NEAR, TO_THE_END = 2, 8
 FIRST = np.zeros(1, dtype=np.int64)
 
@@ -46,16 +46,16 @@ class LocateOptions:
     """Options of `locate_rig` and `locate_camera`.
 
     Attributes:
-        corner_floor_px: standard deviation added to every corner's own: what calibration and flat
-            paper leave open.
+        corner_floor_px: standard deviation added to every corner's own, for errors of calibration and of paper
+            that is not flat.
         ambiguous_below: log likelihood ratio under which a second pose makes the answer ambiguous.
-        far_m, far_rad: a pose that other ones so far away explain almost as well is ambiguous, too: far and small
-            landmarks leave a valley of poses rather than two.
+        far_m, far_rad: a pose is imprecise if poses this far away explain the corners almost as well: far and small
+            landmarks leave a valley of poses instead of two.
         outlier_sigma: a landmark is explained when the root mean square of its eight corner
             coordinates stays under this many standard deviations.
         gate_share: before refinement, a landmark is explained when its corners are projected to within this
             share of its side.
-        prior: what is known of the pose beforehand.
+        prior: prior knowledge of the pose.
     """
 
     corner_floor_px: float = CORNER_FLOOR_PX
@@ -76,7 +76,7 @@ def locate_rig(
 ) -> PoseEstimate:
     """Pose of the rig's first (left) camera in the map; `PoseEstimate.T_map_base` gives the pose of the robot.
 
-    If all mapped landmarks in one camera are outliers, the rig's extrinsics do not hold.  With three or more cameras,
+    If all mapped landmarks in one camera are outliers, the rig's extrinsics are wrong.  With three or more cameras,
     the cameras that agree give the pose, and ``outlier_cameras`` names the others.
 
     Args:
@@ -117,7 +117,7 @@ def locate_rig(
 
 
 def possible_poses(seen: Sequence[Sequence[Detection]], rig: AnyRig, landmarks: LandmarkMap) -> list[Pose]:
-    """The pose of `locate_rig` and its alternatives, the likeliest first, without how sure they are."""
+    """The pose of `locate_rig` and its alternatives, the most likely first, without covariances."""
     options = LocateOptions()
     corners = Correspondences.of_rig(seen, rig, landmarks, options.corner_floor_px)
     if not len(corners):
@@ -165,7 +165,7 @@ def _locate(
         minority = blind if 2 * len(blind) < len(looking) else frozenset[int]()
         return PoseEstimate(PoseStatus.INCONSISTENT, outliers=tuple(sorted(ids | seen.twice))), minority
     covariance = seen.covariance(poses, inliers, options.prior)
-    # Largest distance of a pose that explains the images almost as well: along the direction known least.
+    # Largest distance of a pose that explains the images almost as well: along the least certain direction.
     reach = math.sqrt(2 * options.ambiguous_below)
     far_m, far_rad = options.far_m / reach, options.far_rad / reach
     ratios = (cost - cost[0]).tolist()

@@ -1,4 +1,4 @@
-"""A prior that the images contradict: it is named and left out, as a camera that contradicts the others is."""
+"""A prior that the images contradict is left out, with a warning."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Why nearly everything that was seen contradicts the map: corner order, swapped cameras, units, another map.
+"""Causes for which most observations contradict the map: corner order, swapped cameras, units, another map.
 
-Each cause is undone, and the frames that see most are located again: the cause that makes them agree is named.
+Each cause is undone in turn, and the frames with most landmarks are located again.  The cause after which they agree
+is named.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import RigFrame
 from lmkit.units import unit_of_ratio
 
-FRAMES = 8  # that are asked
+FRAMES = 8  # that are tested
 AGREES, CONTRADICTS = 0.6, 0.5  # shares of the landmarks seen that a pose explains
 OFF_SCALE, ALIKE = 0.12, 0.15  # logarithms of ratios: from 1, and among each other
 
@@ -37,7 +38,7 @@ Locate = Callable[[RigFrame], PoseEstimate]
 
 
 def find_cause(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> Cause | None:
-    """Cause of the contradiction, or None where the frames agree with the map, or see too little of it.
+    """Cause of the contradiction, or None if the frames agree with the map, or have too few landmarks.
 
     Args:
         frames: of a recording, or of single frames; a frame may hold the first camera alone.
@@ -68,7 +69,7 @@ def with_cause(
 ) -> PoseEstimate:
     """The estimate of one frame; warnings name what is unusual in the rig, and why no pose explains the landmarks.
 
-    Mirrored images give no pose: what their landmarks read as may stand in the map, too.
+    Mirrored images give no pose: the codes that they show may be in the map by chance.
     """
     texts = rig_warnings(rig, "the rig")
     frame = RigFrame(0.0, tuple(map(tuple, seen)))
@@ -84,7 +85,7 @@ def with_cause(
 
 
 def _telling(frames: Sequence[RigFrame], landmarks: LandmarkMap) -> list[RigFrame]:
-    """Frames that see two mapped landmarks and more, those that see most first; one landmark contradicts nothing."""
+    """Frames with two or more mapped landmarks, most first; a single landmark cannot contradict the map."""
     counts = [(len(_mapped(frame, landmarks)), -k) for k, frame in enumerate(frames)]
     best = sorted((entry for entry in counts if entry[0] > 1), reverse=True)[:FRAMES]
     return [frames[-k] for _, k in best]
@@ -107,7 +108,7 @@ def _share(frames: Sequence[RigFrame], landmarks: LandmarkMap, locate: Locate) -
 
 
 def _variants(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> Iterator[tuple[Cause, Locate]]:
-    """Causes, and how frames are located once each is undone."""
+    """Causes, and for each a function that locates frames with the cause undone."""
     cameras = len(mounted_cameras(rig))
     if cameras == 2:
         yield (
@@ -166,7 +167,7 @@ def _reordered(frame: RigFrame, order: tuple[int, ...]) -> RigFrame:
 
 
 def _map_ratio(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> float | None:
-    """Distances between landmarks as their printed size has them, over those of the map; None where they differ."""
+    """Ratio of distances between landmarks, by printed size over map; None if the ratios differ."""
     logs: list[float] = []
     for frame in frames:
         seen = Correspondences([(frame.seen[0], rig.left, np.eye(3), np.zeros(3))], landmarks, CORNER_FLOOR_PX)

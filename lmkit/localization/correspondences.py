@@ -1,4 +1,4 @@
-"""Landmarks of a map seen by the cameras of a rig: what many poses at once say of all their corners."""
+"""Correspondences of mapped landmarks in the cameras of a rig, evaluated for many poses at once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 
-# Standard deviation added to every corner's own: what lenses, calibration and paper that is not flat leave open.
+# Standard deviation added to every corner's own, for errors of lens, calibration and paper that is not flat.
 CORNER_FLOOR_PX = 0.06
 # T_camera_left of the left camera itself.
 NO_TURN, NO_SHIFT = np.eye(3), np.zeros(3)
@@ -38,7 +38,7 @@ NEXT = [1, 2, 3, 0]  # corner that follows
 
 @dataclass(frozen=True, eq=False)
 class RigCamera:
-    """One camera of a rig, and where its observations stand among all."""
+    """One camera of a rig, and the range of its observations among all."""
 
     camera: CameraModel
     R: FloatArray  # from the left camera into this camera
@@ -51,7 +51,7 @@ class Correspondences:
 
     Attributes:
         landmarks: (S) of every observation.
-        observations: (S) what was seen.
+        observations: (S) the detections.
         ids: the landmarks seen.
         of: (S,) index into ``ids`` of every observation.
         rays: (S,4,2) the corners as x/z and y/z, without distortion.
@@ -147,7 +147,7 @@ class Correspondences:
 
     @property
     def side_px(self) -> FloatArray:
-        """(S,) mean side in the image; a search needs it, an update does not."""
+        """(S,) mean side in the image; needed for a search, not for an update."""
         steps = self.observed[:, NEXT] - self.observed
         return np.asarray(np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1) / 4)
 
@@ -174,13 +174,13 @@ class Correspondences:
         return pose_covariance(self.corners, _numbers(prior), poses.R[0], poses.t[0], used)
 
     def update_space(self, before: FloatArray, R: FloatArray, p: FloatArray, update: Update) -> Updated:
-        """A foretold pose, of covariance ``before`` (6,6), updated by `pose_update.update_space`."""
+        """Update of a predicted pose with covariance ``before`` (6,6) (`pose_update.update_space`)."""
         return update_space(self.corners, self.of, before, R, p, update)
 
     def update_planar(
         self, before: FloatArray, lean: FloatArray, base: tuple[FloatArray, FloatArray], x: FloatArray, update: Update
     ) -> Updated:
-        """A foretold state on a floor, with T_base_left, updated by `pose_update.update_planar`."""
+        """Update of a predicted state on a floor, with T_base_left (`pose_update.update_planar`)."""
         return update_planar(self.corners, self.of, before, lean, *base, x, update)
 
     @property
@@ -191,7 +191,7 @@ class Correspondences:
 
     @property
     def lens_shares(self) -> FloatArray:
-        """(S,) share of the corners' variance that is the floor's: lens, calibration, paper."""
+        """(S,) share of the corners' variance due to the floor (lens, calibration, paper)."""
         floor = self._floor_px**2
         return floor / (self._stated_px2 + floor + TINY)
 

@@ -1,4 +1,4 @@
-"""Landmarks of the map as a pose puts them into the images: where to look for them."""
+"""Predicted places of the map's landmarks in the images, for a pose: where to search for them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 
 LEAST_SIDE_PX = 10.0  # of a window that is searched
-PLAIN_SIDE_PX = 32.0  # a landmark that cannot be overlooked
+PLAIN_SIDE_PX = 32.0  # a landmark that should certainly be read
 PLAIN_FACING = 0.6
 BORDER_PX = 12.0
 NEAREST_M = 0.15
-SLACK_PX = 4.0  # a prediction may be so far off
+SLACK_PX = 4.0  # largest error of a prediction
 
 Expected = dict[LandmarkId, FloatArray]
 
 
 class ExpectedLandmarks:
-    """Landmarks of the map as a pose puts them into the images."""
+    """Predicted places of the map's landmarks in the images, for a pose."""
 
     def __init__(self, rig: AnyRig, landmarks: LandmarkMap) -> None:
         self._cameras = mounted_cameras(rig)
@@ -30,7 +30,7 @@ class ExpectedLandmarks:
         self._normals = np.array([m.T_map_landmark.R[:, 2] for m in landmarks]).reshape(-1, 3)
 
     def in_camera(self, index: int, T_map_left: Pose) -> tuple[Expected, tuple[LandmarkId, ...]]:
-        """Corners (4,2), px, of all landmarks in the image, largest first; and those that are plainly in view."""
+        """Corners (4,2), px, of all landmarks in the image, largest first; and those that are clearly in view."""
         if not len(self._ids):
             return {}, ()
         camera = self._cameras[index]
@@ -64,5 +64,5 @@ class ExpectedLandmarks:
 
 
 def is_wholly_inside(quad: FloatArray, size: tuple[int, int]) -> bool:
-    """Does the image hold all of (4,2) corners, as far as a prediction can say?  No other landmark is read."""
+    """Whether all (4,2) corners may be inside the image, given prediction errors; only such landmarks are read."""
     return bool(((quad >= -SLACK_PX) & (quad <= np.array(size) - 1 + SLACK_PX)).all())

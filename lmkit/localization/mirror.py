@@ -1,7 +1,7 @@
-"""Mirrored images: a landmark in one reads, with full confidence, as the code whose gaps run the other way.
+"""Mirrored images: their landmarks are read, with full confidence, as codes with the gaps in reverse order.
 
-A single landmark cannot tell.  A map can: once codes and corners are mirrored back, more of what was seen is in it,
-and stands where it should.
+A single landmark cannot show this.  With a map it can be detected: after codes and corners are mirrored back, more
+detections are in the map, and agree with it.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.recording import RigFrame
 
-FRAMES = 8  # that are asked
+FRAMES = 8  # that are tested
 LEAST = 2  # landmarks that a frame must show
 AGREES = 0.6  # share of the mirrored landmarks that a pose explains
-AXIS_OF = {"left to right": 0, "upside down": 1}  # image axis along which pixels change places
+AXIS_OF = {"left to right": 0, "upside down": 1}  # image axis along which pixels are reversed
 CORNERS = [1, 0, 3, 2]  # of the landmark as it stands
 
 
 def find_mirror(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> Cause | None:
-    """The cause that the images are mirrored; None where they are not, or show too little.
+    """The cause that the images are mirrored; None if they are not, or have too few landmarks.
 
     Args:
         frames: of a recording, or of single frames; a frame may hold the first camera alone.
@@ -52,7 +52,7 @@ def find_mirror(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap)
 
 
 def mirrored_id(id_: LandmarkId) -> LandmarkId | None:
-    """Landmark that this one reads as in a mirrored image; None where it reads as none."""
+    """Id as which this landmark is read in a mirrored image; None if it is not read."""
     family = FAMILIES.get(id_.family)
     code = None if family is None else family.mirrored_code(id_.code)
     return None if code is None else LandmarkId(id_.family, code)
@@ -70,7 +70,7 @@ def _share(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> f
 
 
 def _mirrored(frame: RigFrame, rig: AnyRig, way: str) -> RigFrame:
-    """The frame as images that are mirrored back would have given it."""
+    """The frame with detections mirrored back."""
     sizes = [camera.model.image_size for camera in mounted_cameras(rig)]
     seen = tuple(tuple(_flipped(detections, size, way)) for detections, size in zip(frame.seen, sizes, strict=False))
     return replace(frame, seen=seen)

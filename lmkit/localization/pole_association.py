@@ -1,9 +1,9 @@
-"""Which pole of the map each pole in a scan is: from a rough pose, or from the distances between the poles alone.
+"""Association of poles in a scan with poles of the map, from a rough pose or from the distances between poles.
 
-Every pair of scanned poles that is as far apart as a pair of the map gives a pose of the sensor, and so does the
-rough pose where one is given.  Each is refined with all poles that it explains, and weighed by its log likelihood
-ratio to the hypothesis that all are clutter: how well poles fit, which mapped poles the beams should have met, and
-how much of the map's area the pose leaves.  A second pose nearly as probable makes the answer ambiguous.
+Every pair of scanned poles with the distance of a pair of the map gives a pose hypothesis of the sensor, and so does
+the rough pose, if given.  Each is refined with all poles that it explains, and compared by its log likelihood ratio
+to the hypothesis that all are clutter: the fit of the poles, the mapped poles that beams should have hit, and the
+share of the map's area that the pose allows.  If a second pose is nearly as probable, the result is ambiguous.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ GATE = 13.8  # chi2 of 2 numbers, exceeded once in a thousand
 PAIR_SIGMAS = 4.0
 MOST_POSES = 4000  # hypotheses of one scan
 MOST_REFINED = 40
-FEWER = 2.5  # poles that a hypothesis explains less than the best one, at most
+FEWER = 2.5  # largest number of poles that a hypothesis may explain less than the best one
 SAME_START = 0.04  # meters plus radians between starts that lead to one pose
 FOUND = 0.9  # probability that a pole in view of the beams is found
 REFINEMENTS = 4
 PAIR_COVARIANCE = np.diag([0.05, 0.05, 0.02]) ** 2
-RADIUS_M = 1e-4  # by which radii of one pole may differ
+RADIUS_M = 1e-4  # largest difference of the radii of one pole
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class PosePriorPlanar:
 
 @dataclass(frozen=True, eq=False)
 class PoleAssociation:
-    """The answer for one scan.
+    """The result for one scan.
 
     Attributes:
         estimate: pose of the base by these poles.
@@ -76,7 +76,7 @@ def associate_poles(
     Args:
         poles: in the frame of the robot's base (:meth:`ScannedPole.seen_from_base`).
         rough: pose of the base before the scan; None: nothing is known.
-        scan, mount: the scan itself shows where beams passed through the place of a pole; None: not considered.
+        scan, mount: the scan, to find beams that passed through the place of a pole; None: not considered.
         farthest_m: range of the scanner.
     """
     mount = mount or ScannerMount()
@@ -121,7 +121,7 @@ class _Association:
         self.uniform = math.log(1 / (float(np.prod(extent)) * 2 * math.pi))
 
     def answer(self) -> PoleAssociation:
-        """The best hypothesis, judged."""
+        """The best hypothesis with its status."""
         found = self._hypotheses()
         if not found or found[0].log_likelihood < AMBIGUOUS_BELOW:
             return PoleAssociation(PlanarEstimate(PoseStatus.NO_LANDMARKS), (), self.objects)
@@ -170,7 +170,7 @@ class _Association:
         return sorted(found, key=lambda h: -h.log_likelihood)
 
     def _starts(self) -> FloatArray:
-        """(S,3) states from pairs of poles that are as far apart as pairs of the map, and the rough pose."""
+        """(S,3) states from pairs of poles with the distance of pairs of the map, and the rough pose."""
         starts = [] if self.rough is None else [self.rough.state[None]]
         a, b = np.triu_indices(len(self.places), 1)
         apart = np.hypot(*(self.places[b] - self.places[a]).T) if len(a) else np.zeros(0)
@@ -229,7 +229,7 @@ class _Association:
         return np.asarray(np.exp(-squared / (2 * (2 * sigma) ** 2)).sum(axis=1))
 
     def _refined(self, state: FloatArray, is_rough: bool) -> _Hypothesis | None:
-        """The state with all that it explains, by Gauss and Newton."""
+        """The state refined with all poles that it explains, by Gauss-Newton."""
         # A start from two poles is about as uncertain as they are.
         covariance = self.rough.covariance if is_rough and self.rough is not None else PAIR_COVARIANCE
         matches: list[tuple[int, int]] = []
@@ -254,7 +254,7 @@ class _Association:
         return np.column_stack([distance, np.arctan2(off[:, 1], off[:, 0]) - state[2]]), J
 
     def _own(self, i: int, j: int) -> FloatArray:
-        """(2,2) covariance of a scanned pole, with what the map leaves open of it."""
+        """(2,2) covariance of a scanned pole, including that of its place in the map."""
         aside = self.open_m[j] / self.polar[i, 0]
         return np.asarray(self.covariances[i] + np.diag([self.open_m[j] ** 2, aside**2]))
 
@@ -328,7 +328,7 @@ class _Association:
         )
 
     def _passed_through(self, state: FloatArray, j: int) -> bool:
-        """The beams show that no pole stands there."""
+        """Whether beams passed through the place of the pole."""
         if self.scan is None:
             return False
         c, s = math.cos(state[2]), math.sin(state[2])

@@ -21,7 +21,7 @@ class PosePrior:
             toward its y.
         height_m, height_sigma: of the camera.
         down: (3,) the map's -z axis in the camera, as the camera is mounted: (0, 1, 0) when it looks level.
-        tilt_sigma: rad, by which the floor and the mounting may lean.
+        tilt_sigma: rad, of floor and mounting.
     """
 
     heading_rad: float | None = None

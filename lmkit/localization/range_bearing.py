@@ -1,10 +1,10 @@
 """A planar pose from readings of any number of landmarks: ranges, bearings, or both.
 
-1. Starts: every two landmarks in closed form (`two_landmarks.py`), circles around two that only a
-   range is known of, three bearings by resection (Pierlot and Van Droogenbroeck 2014), and points
-   around one landmark where nothing else is there.
+1. Starts: every two landmarks in closed form (`two_landmarks.py`), circles around two landmarks with only a
+   range, three bearings by resection (Pierlot and Van Droogenbroeck 2014), and points
+   around one landmark if there is nothing else.
 2. The start that the readings agree with best (Cauchy) is refined by weighted least squares with
-   the same loss, so that a wrong reading cannot pull.
+   the same loss, so that a wrong reading does not bias it.
 3. Readings within the gate give the covariance; another place that explains them as well makes the
    answer ambiguous.
 """
@@ -31,7 +31,7 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
-BEARING_ALONE_M = 2.0  # how far a landmark is taken to be of which no range was read
+BEARING_ALONE_M = 2.0  # assumed distance of a landmark without a range
 AROUND = 16  # starts around one landmark
 MOST_STARTS = 60
 AMBIGUOUS_BELOW = 5.0  # log likelihood ratio
@@ -88,7 +88,7 @@ class Readings:
         ranges = np.array([np.nan if r.range_m is None else r.range_m for r, _ in known])
         bearings = np.array([np.nan if r.bearing_rad is None else r.bearing_rad for r, _ in known])
         places = np.array([found.T_map_landmark.t[:2] for _, found in known]).reshape(-1, 2)
-        # In every direction alike: from where it is read is not yet known.
+        # Isotropic, because the direction of view is not yet known.
         open_m = np.array(
             [0.0 if m.covariance is None else math.sqrt(np.trace(m.covariance[:2, :2]) / 2) for _, m in known]
         )
@@ -111,7 +111,7 @@ class Readings:
 
     @property
     def turnable(self) -> bool:
-        """Is there a bearing, so that the heading can be known?"""
+        """Whether there is a bearing, so that the heading is determined."""
         return bool(np.isfinite(self.bearings).any())
 
     def standardized(self, states: FloatArray) -> FloatArray:
@@ -143,7 +143,7 @@ def locate_planar(
     """The sensor's pose from readings of one frame.
 
     Two landmarks with range and bearing are enough, or a range of one and ranges of two others, or
-    bearings of three; with less, nothing is said.
+    bearings of three; with less, no pose is returned.
     """
     noise = noise or ReadingNoise()
     seen = Readings.of(readings, landmarks, noise)
@@ -156,7 +156,7 @@ def locate_planar(
     cost = cauchy_cost(_squared(seen, starts)).sum(axis=1)
     found: list[tuple[float, FloatArray]] = []
     for k in np.argsort(cost, kind="stable"):
-        # The best start, and where the readings leave a choice those that are not hopeless.
+        # The best start and, if the readings leave a choice, the other plausible ones.
         if found and (unique or cost[k] > found[0][0] + HOPELESS or len(found) >= MOST_PLACES):
             break
         if any(_near(starts[k], state) for _, state in found):
@@ -174,7 +174,7 @@ def _judged(
     state = found[0][1]
     gate = noise.outlier_sigma**2
     for _ in range(2):
-        # What lies outside the gate shall not pull at all.
+        # Readings outside the gate must not have any influence.
         explained = _squared(seen, state[None])[0] < gate
         if explained.all() or explained.sum() < 2:
             break
@@ -191,7 +191,7 @@ def _judged(
     covariance = np.linalg.inv(normal)
     if known == 3:
         covariance[2, 2] += noise.common_bearing_rad**2
-    # The likelihood is Gaussian within the gate; what a place does not explain costs as much as the gate.
+    # The likelihood is Gaussian within the gate; an unexplained reading costs as much as the gate.
     likelihood = [np.minimum(_squared(seen, other[None])[0], gate).sum() / 2 for _, other in found]
     others = sorted(
         (float(likelihood[k] - likelihood[0]), k) for k in range(1, len(found)) if likelihood[k] - likelihood[0] < 25
@@ -245,7 +245,7 @@ def _squared(seen: Readings, states: FloatArray) -> FloatArray:
 
 
 def _enough(seen: Readings) -> bool:
-    """Do the readings hold as many numbers as the pose, from landmarks enough?"""
+    """Whether the readings have enough values, from enough landmarks, for a pose."""
     ranged = {c for c, r in zip(seen.ids, seen.ranges, strict=True) if np.isfinite(r)}
     turned = {c for c, b in zip(seen.ids, seen.bearings, strict=True) if np.isfinite(b)}
     numbers = len(ranged) + len(turned) - (1 if turned else 0)
@@ -307,7 +307,7 @@ def _resection(seen: Readings, triple: tuple[int, ...]) -> FloatArray | None:
 
 
 def _heading(seen: Readings, place: FloatArray) -> float:
-    """The middle of what the bearings say, 0 where there is none."""
+    """Mean heading from the bearings, 0 if there is none."""
     turned = np.isfinite(seen.bearings)
     if not turned.any():
         return 0.0
@@ -325,7 +325,7 @@ def _pose(state: FloatArray, seen: Readings) -> PlanarPose:
 
 
 def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float, source: str = "readings") -> dict[str, Any]:
-    """One planar answer as docs/formats.md has it.
+    """JSON of one planar result (docs/formats.md).
 
     Args:
         source: key of the path.
@@ -354,7 +354,7 @@ def planar_dict(estimate: PlanarEstimate, path: Path, time_s: float, source: str
 
 
 def planar_line(estimate: PlanarEstimate) -> str:
-    """One planar answer as text."""
+    """One planar result as text."""
     outliers = f", outliers {ids_text(estimate.outliers)}" if estimate.outliers else ""
     if estimate.pose is None:
         return f"{estimate.status}{outliers}"

@@ -11,9 +11,9 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.model.observation import RangeBearing
 
-# Readings of one landmark within that time err alike (its place, the light, the view change slowly) and count as one.
-# On MRCLAM set 6 errors stay alike for ten seconds and more; taken as independent, they make the covariance of a
-# smoothed recording ten times too small.
+# Errors of readings of one landmark within this time are correlated (place, light and view change slowly): they count
+# as one. On MRCLAM set 6, errors are correlated for ten seconds and more; treated as independent, they make the
+# covariance of a smoothed recording ten times too small.
 RELATED_S = 40.0
 
 
@@ -24,16 +24,16 @@ class ReadingNoise:
     Attributes:
         range_m, range_share: standard deviation of a range: a fixed part, and a share of the range.
         bearing_rad: of a bearing.
-        common_bearing_rad: of what turns all bearings of a frame alike (mounting, time): it cannot be
-            seen in one frame's readings, and is added to the heading's deviation.
-        outlier_sigma: a reading farther off than that is named an outlier.
-        related_s: readings of one landmark within that time err alike, and count as one.
-        range_scale: of a factor that all ranges of a recording have in common, such as an error of the focal length
-            or of the landmarks' size; found with a recording, and unseen in one frame.
+        common_bearing_rad: of a common error of all bearings of a frame (mounting, time): it cannot be
+            observed in one frame, and is added to the heading's standard deviation.
+        outlier_sigma: a reading with a larger residual is an outlier.
+        related_s: errors of readings of one landmark within this time are correlated, and count as one.
+        range_scale: of a common factor of all ranges of a recording, such as an error of the focal length
+            or of the landmarks' size; it is estimated from a recording, and not observable in one frame.
     """
 
     range_m: float = 0.02
-    # As of a camera that reads distance off a landmark's size: directions are known far better.
+    # For a camera that infers distance from a landmark's size: directions are far more accurate.
     range_share: float = 0.04
     bearing_rad: float = math.radians(0.4)
     common_bearing_rad: float = math.radians(0.5)
@@ -42,7 +42,7 @@ class ReadingNoise:
     range_scale: float = 0.02
 
     def sigmas(self, readings: Sequence[RangeBearing]) -> tuple[FloatArray, FloatArray]:
-        """(N,), (N,) of ranges (m) and bearings (rad): as each reading states, or as usual for the sensor."""
+        """(N,), (N,) of ranges (m) and bearings (rad): stated by each reading, or the sensor's default."""
         ranges = self.range_sigma(np.array([np.nan if r.range_m is None else r.range_m for r in readings]))
         stated = [r.range_sigma_m for r in readings]
         bearings = [self.bearing_rad if r.bearing_sigma_rad is None else r.bearing_sigma_rad for r in readings]
@@ -54,7 +54,7 @@ class ReadingNoise:
         return np.asarray(np.hypot(self.range_m, self.range_share * range_m))
 
 
-# A camera on a robot that moves while it looks; worse than what a standing one reaches.
+# A camera on a moving robot; larger than for a robot that stands still.
 DRIVE_NOISE = ReadingNoise(0.14, 0.042, math.radians(0.56), math.radians(0.42))
-# Poles in a laser scan state their own deviations; what the map and a moving robot add is common to a short while.
+# Poles in a laser scan state their own standard deviations; errors of map and motion are correlated for a short time.
 SCAN_NOISE = ReadingNoise(0.01, 0.002, math.radians(0.2), math.radians(0.05), related_s=0.5, range_scale=0.001)

@@ -1,6 +1,7 @@
-"""Why ranges and bearings contradict the map: units, sign of the bearings, or another map.
+"""Causes for which ranges and bearings contradict the map: units, sign of the bearings, or another map.
 
-Each cause is undone, and the frames that see most are located again: the cause that makes them agree is named.
+Each cause is undone in turn, and the frames with most landmarks are located again.  The cause after which they agree
+is named.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
 from lmkit.units import unit_of_ratio
 
-FRAMES = 20  # that are asked
+FRAMES = 20  # that are tested
 LEAST_LANDMARKS = 3  # in a frame: two agree with nearly everything
 AGREES, CONTRADICTS = 0.6, 0.5  # shares of the readings that poses explain
 OFF_SCALE, ALIKE = 0.12, 0.15  # logarithms of ratios: from 1, and among each other
@@ -27,7 +28,7 @@ Frame = Sequence[RangeBearing]
 
 
 def find_readings_cause(frames: Sequence[Frame], landmarks: LandmarkMap, noise: ReadingNoise) -> Cause | None:
-    """Cause of the contradiction, or None where the readings agree with the map, or see too little of it.
+    """Cause of the contradiction, or None if the readings agree with the map, or have too few landmarks.
 
     Args:
         frames: readings by frame.
@@ -56,7 +57,7 @@ def _share(frames: Sequence[Frame], landmarks: LandmarkMap, noise: ReadingNoise)
 def _variants(
     frames: Sequence[Frame], landmarks: LandmarkMap
 ) -> Iterator[tuple[Cause, Callable[[RangeBearing], RangeBearing]]]:
-    """Causes, and how readings are changed once each is undone."""
+    """Causes, and for each a function that undoes it in a reading."""
     ratio = _ratio(frames, landmarks)
     if ratio is not None and abs(np.log(ratio)) > OFF_SCALE:
         unit = unit_of_ratio(ratio) or unit_of_ratio(1 / ratio)
@@ -84,7 +85,7 @@ def _scaled(reading: RangeBearing, factor: float) -> RangeBearing:
 
 
 def _ratio(frames: Sequence[Frame], landmarks: LandmarkMap) -> float | None:
-    """Distances between landmarks as the readings have them, over those of the map; None where they differ."""
+    """Ratio of distances between landmarks, by readings over map; None if the ratios differ."""
     logs = []
     for seen in frames:
         full = [

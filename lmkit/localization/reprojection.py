@@ -1,7 +1,7 @@
-"""Corners of landmarks as rays, with their covariance: what one camera observed, without its lens.
+"""Observed corners of one camera as undistorted rays, with their covariance.
 
-Corners are undistorted once; errors of rays become pixels by the lens's own derivative, so that no pose needs the
-lens again.
+Corners are undistorted once.  Errors of rays are converted to pixels with the derivative of the lens model, so it is
+not evaluated for every pose.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lmkit.geometry.camera import REACHED_PX, CameraModel
 from lmkit.kernels.lens import Lens, corners_through_lenses
 from lmkit.model.observation import Detection
 
-UNKNOWN = np.zeros((8, 8))  # covariance of corners that come without
+UNKNOWN = np.zeros((8, 8))  # covariance of corners without one
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +25,12 @@ class CameraCorrespondences:
     """Observed corners as rays, without distortion.
 
     Attributes:
-        kept: of the observations, those that the lens model reaches.
+        kept: the observations within the valid area of the lens model.
         corners: (S,4,2) pixels.
         rays: (S,4,2) corners as x/z and y/z, without distortion.
         by_ray: (S,4,2,2) how pixels change with them.
         whitener: (S,8,8) from errors of rays to standard deviations of the corners.
-        variances: (S,) of a corner's coordinate, px^2, as the observation states it: on average, without the floor.
+        variances: (S,) stated variance of a corner's coordinate, px^2: mean of the eight, without the floor.
     """
 
     kept: list[int]
@@ -51,7 +51,7 @@ def through_lens(
 def through_lenses(
     observations: Sequence[Detection], cameras: Sequence[CameraModel], counts: Sequence[int], corner_floor_px: float
 ) -> CameraCorrespondences:
-    """Corners of several cameras as rays: so many of the first, then so many of the second, and so on."""
+    """Corners of several cameras as rays, camera after camera, with given counts."""
     corners = stacked([o.corners for o in observations], (4, 2))
     stated = [o.covariance for o in observations]
     known = any(one is not None for one in stated)

@@ -1,7 +1,8 @@
-"""Why the two cameras of a pair contradict each other, from landmarks that both see; no map is needed.
+"""Causes for which the two cameras of a pair contradict each other, from landmarks that both see; without a map.
 
-Each camera alone sees where a landmark stands by its printed size.  The right camera's image of it is predicted from
-the left camera's place; where it misses, each cause is undone, and the one with which it fits is named.
+Each camera alone gives the position of a landmark from its printed size.  The right camera's image of it is predicted
+from the left camera's position.  If the prediction is wrong, each cause is undone in turn, and the one with which it
+fits is named.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ MOST_FRAMES = 60
 OFF = 0.01  # of the image's diagonal: a prediction that misses by more
 CONTRADICTS, AGREES = 0.5, 0.8  # shares of predictions that fit
 OFF_SCALE = 0.15  # logarithm of a ratio
-# Sizes are doubted from this share on, where so many views tell it to so many standard deviations.
+# Sizes are doubted from this deviation on, if this many views show it at this significance.
 DOUBTED_SIZE, LEAST_VIEWS, SURE_SIGMA = 0.03, 12, 5.0
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Why cameras contradict each other, or a map.
+    """Cause for which cameras contradict each other, or a map.
 
     Attributes:
         code: short stable name, e.g. ``corner_order``.
@@ -62,7 +63,7 @@ class _Seen:
 
 
 def find_rig_cause(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[LandmarkId, float]) -> Cause | None:
-    """Cause of the contradiction, or None where the cameras agree, see too little in common, or nothing explains it.
+    """Cause of the contradiction, or None if the cameras agree, share too few landmarks, or no cause explains it.
 
     Args:
         frames: of a recording, or of single frames, in the order of time.
@@ -76,7 +77,7 @@ def find_rig_cause(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[Landm
         return None
     share = _share(seen, stereo)
     if share < CONTRADICTS:
-        # Seen from afar, one cause undone may hide another; the predictions of the true one are the nearest.
+        # With far landmarks, undoing a wrong cause may also fit; the predictions of the true one are the best.
         undone = [(_misses(other, with_rig), cause) for cause, other, with_rig in _variants(seen, stereo)]
         fitting = [(float(np.median(off)), cause) for off, cause in undone if np.mean(off < OFF) > AGREES]
         if fitting:
@@ -85,9 +86,9 @@ def find_rig_cause(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[Landm
 
 
 def size_doubt(frames: Sequence[RigFrame], rig: AnyRig, sizes: Mapping[LandmarkId, float]) -> str | None:
-    """A sentence where landmarks are of another size by the cameras' baseline than is stated; else None.
+    """A sentence if landmarks have another size than stated, according to the cameras' baseline; else None.
 
-    A size that is off by some percent scales the map without any residual that tells it.
+    A size that is wrong by some percent scales the map, and no residual shows it.
 
     Args:
         frames, sizes: as of :func:`find_rig_cause`.
@@ -176,12 +177,12 @@ def _places(corners: FloatArray, sizes: FloatArray, camera: CameraModel) -> Floa
 
 
 def _share(seen: _Seen, rig: StereoRig) -> float:
-    """Share of the landmarks that the right camera sees where the left one says."""
+    """Share of the landmarks that the right camera sees at the places predicted from the left one."""
     return float(np.mean(_misses(seen, rig) < OFF))
 
 
 def _misses(seen: _Seen, rig: StereoRig) -> FloatArray:
-    """(N,) how far from where the left camera says the right one sees each landmark, in diagonals of the image."""
+    """(N,) distance of each landmark in the right image from its prediction by the left, in image diagonals."""
     places = rig.T_right_left.apply(_places(seen.left, seen.sizes, rig.left))
     ahead = np.isfinite(places).all(axis=1) & (places[:, 2] > 0)
     predicted = rig.right.project(np.where(ahead[:, None], places, (0.0, 0.0, 1.0)))
@@ -191,7 +192,7 @@ def _misses(seen: _Seen, rig: StereoRig) -> FloatArray:
 
 
 def _variants(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, StereoRig]]:
-    """Causes, and what is seen and the rig once each is undone."""
+    """Causes, with observations and rig after each is undone."""
     yield (
         Cause(
             "swapped_cameras",
@@ -221,7 +222,7 @@ def _variants(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, Stere
 
 
 def _rescaled(seen: _Seen, rig: StereoRig) -> Iterator[tuple[Cause, _Seen, StereoRig]]:
-    """The baseline that the printed sizes ask for."""
+    """Causes of a baseline that differs from the one by printed sizes."""
     T = rig.T_right_left
     left, right = (_places(c, seen.sizes, m) for c, m in ((seen.left, rig.left), (seen.right, rig.right)))
     between = right - left @ T.R.T

@@ -33,7 +33,7 @@ def locate_by_two(
 ) -> PlanarPose:
     """The robot's pose in closed form.
 
-    The two circles around A and B meet in two points; the order of the bearings tells which one.
+    The two circles around A and B intersect in two points; the order of the bearings decides which one.
 
     Args:
         A, B: (2,) landmarks in the map, meters, not the same point.
@@ -50,7 +50,7 @@ def locate_by_two(
     u = (B - A) / d
     n = np.array([-u[1], u[0]])
     s = (range_a**2 - range_b**2 + d**2) / (2 * d)
-    # Noise can keep the circles from meeting; the nearest they come is on the line A B.
+    # With noise the circles may not intersect; their closest points are on the line A B.
     h = math.sqrt(max(range_a**2 - s**2, 0.0))
     L = A + s * u + math.copysign(h, math.sin(bearing_b - bearing_a)) * n
     headings = [math.atan2(*(P - L)[::-1]) - bearing for P, bearing in ((A, bearing_a), (B, bearing_b))]

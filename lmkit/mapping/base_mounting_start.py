@@ -2,8 +2,8 @@
 
 Each camera's poses in the map (from landmarks) and the odometry between them give its pose on the robot: the motion
 of the camera, in its own heading, is the robot's motion rotated by the camera's yaw, plus the motion of its lever arm
-(planar hand-eye calibration; linear in the yaw's cosine and sine and in the arm).  The delay of a camera's clock
-behind the odometry's is found by correlating the rotations of both.
+(planar calibration of camera and wheels; linear in the yaw's cosine and sine and in the arm).  The delay of a
+camera's clock behind the odometry's is found by correlating the rotations of both.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Joint adjustment of several recordings of one place, without ever writing down the one big problem.
+"""Joint adjustment of several recordings of one place, without building one large problem.
 
-Every recording eliminates its own poses and its odometry's errors, and gives what is left, information on landmarks;
-the sums of those are solved for the landmarks, and every recording follows.  That is the step of Levenberg and
-Marquardt on the one big problem, not an approximation of it.
+Every recording eliminates its own poses and its odometry's errors; information on landmarks remains;
+the sum over recordings is solved for the landmarks, and every recording is back-substituted.  This is the Levenberg-
+Marquardt step of the one large problem, not an approximation.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MOST_KEPT = 128_000_000  # bytes of all recordings' equations
 
 
 class RecordingProblem(Protocol):
-    """One recording: a chain of poses, and shared unknowns of which all but the first ``own`` are its landmarks'.
+    """One recording: a chain of poses, and shared unknowns; all but the first ``own`` of these are its landmarks.
 
     Attributes:
         own: of the shared unknowns, before the landmarks.
@@ -44,22 +44,22 @@ class RecordingProblem(Protocol):
     def landmark_ids(self) -> tuple[LandmarkId, ...]: ...
 
     def own_state(self) -> Any:
-        """Everything unknown but the landmarks, as it stands."""
+        """Snapshot of all unknowns except the landmarks."""
 
     def restore_own(self, state: Any) -> None:
-        """Put that back."""
+        """Restore such a snapshot."""
 
     def own_moved(self, states: FloatArray, own: FloatArray) -> Any:
-        """Everything but the landmarks moved by a step of the poses and of its own shared unknowns."""
+        """The snapshot after a step of the poses and of its own shared unknowns."""
 
     def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
         """(L,3,3), (L,3) of its landmarks."""
 
     def put_landmarks(self, R: FloatArray, p: FloatArray) -> None:
-        """Mount its landmarks elsewhere."""
+        """Set the poses of its landmarks."""
 
     def equations(self) -> tuple[ChainEquations, float]:
-        """Normal equations and cost as all stands."""
+        """Normal equations and cost at the current state."""
 
 
 def recording_information(
@@ -68,7 +68,7 @@ def recording_information(
     """Information of a recording on its landmarks, at its current state.
 
     Args:
-        equations: its normal equations and cost; None: as it states them itself.
+        equations: its normal equations and cost; None: computed here.
     """
     chain, cost = problem.equations() if equations is None else equations
     left = chain.eliminate(problem.own)
@@ -82,7 +82,7 @@ class JointEquations:
 
     Attributes:
         state: where they are linearized.
-        kept: of each recording; empty: made anew whenever they are needed, one recording at a time.
+        kept: of each recording; empty: computed again when needed, one recording at a time.
     """
 
     state: JointState
@@ -91,7 +91,7 @@ class JointEquations:
 
 @dataclass(frozen=True, eq=False)
 class JointState:
-    """Landmarks (C,3,3), (C,3), and what each recording has to itself."""
+    """Landmarks (C,3,3), (C,3), and the own unknowns of each recording."""
 
     R: FloatArray
     p: FloatArray
@@ -101,8 +101,8 @@ class JointState:
 class JointProblem:
     """Several recordings, and the landmarks that they share.
 
-    Equations of few recordings are kept for a step; of many, one recording's are made at a time, three times a step,
-    so that memory does not grow with their number.  Steps are the same.
+    Equations of few recordings are kept for a step; with many, they are computed for one recording at a time, three
+    times a step, so that memory does not grow with their number.  The steps are identical.
 
     Args:
         problems: the recordings.
@@ -118,10 +118,10 @@ class JointProblem:
         self._put()
 
     def optimize(self, steps: int, least_gain: float = CONVERGED) -> float:
-        """Levenberg and Marquardt from the unknowns as they stand; the cost where it stops.
+        """Levenberg-Marquardt from the current unknowns; the final cost.
 
         Args:
-            steps: at most so many.
+            steps: largest number of steps.
             least_gain: of the cost; a step that lowers it by less is the last one.
         """
         end = minimize(self, self.state(), steps, least_gain, DAMPING)
@@ -129,11 +129,11 @@ class JointProblem:
         return end.cost
 
     def state(self) -> JointState:
-        """The unknowns as they stand."""
+        """Snapshot of the unknowns."""
         return JointState(self.R, self.p, tuple(problem.own_state() for problem in self.problems))
 
     def restore(self, state: JointState) -> None:
-        """Back to where they stood."""
+        """Restore a snapshot."""
         self.R, self.p = state.R, state.p
         for problem, own in zip(self.problems, state.recordings, strict=True):
             problem.restore_own(own)
@@ -196,7 +196,7 @@ class JointProblem:
         """(dC,dC) joint covariance of all landmarks.
 
         Raises:
-            numpy.linalg.LinAlgError: something is not determined at all.
+            numpy.linalg.LinAlgError: an unknown is not determined.
         """
         return self.sum_of(self._eliminated()).covariance()
 
@@ -208,7 +208,7 @@ class JointProblem:
         return total
 
     def _eliminated(self, kept: Sequence[ChainEquations] = (), damping: float = 0.0) -> Iterator[EliminatedChain]:
-        """Each recording's equations without its own unknowns, one after the other."""
+        """Each recording's equations with its own unknowns eliminated, one after the other."""
         for number, problem in enumerate(self.problems):
             equations = kept[number] if kept else problem.equations()[0]
             yield equations.eliminate(problem.own, damping)

@@ -1,8 +1,8 @@
-"""JointSolver: several recordings adjusted jointly, with landmarks released, split and merged as the cost tells.
+"""JointSolver: joint adjustment of several recordings; landmarks are released, split and merged by tests on the cost.
 
 A landmark that two poses explain better than one, by more than chance (`moved_landmarks.py`), was moved between
-recordings, or since the known map (`moved_known_landmarks.py`): it becomes two.  Two that stand in one place, as far
-as the joint covariance tells, are one.
+recordings, or since the known map (`moved_known_landmarks.py`): it is split in two.  Two that are at one place,
+according to the joint covariance, are merged.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ from lmkit.model.landmark_map import CALENDAR_S, LandmarkMap, MappedLandmark
 from lmkit.optim.information_sum import InformationSum, unknowns_of
 
 ROUNDS = 4  # of leaving out observations that do not fit
-MOST_MERGES = 2  # times that a recording's view of a landmark is merged again; then it stays
+MOST_MERGES = 2  # times that a recording's view of a landmark is merged again; then it stays split
 CHANGES = 12  # rounds of splitting and merging landmarks, one at a time
 
 
 class JointSolver:
-    """The joint adjustment of a group, with landmarks split and merged as it tells."""
+    """The joint adjustment of a group, with landmarks split and merged by its tests."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class JointSolver:
             problem.anchors, problem.constraints = {}, ()
 
     def give_back(self) -> None:
-        """Let every recording know again what defines its own frame, so that it can be joined with others."""
+        """Give every recording the anchors of its own frame again, so that it can be joined with others."""
         for problem, (anchors, constraints) in zip(self.problems, self.own_knowledge, strict=True):
             problem.anchors, problem.constraints = anchors, constraints
 
@@ -101,7 +101,7 @@ class JointSolver:
         return contradicted
 
     def _choose_starts(self) -> None:
-        """Choose, for landmarks that recordings see turned, the direction that explains all of them best."""
+        """For landmarks that recordings see with different rotations, choose the one that explains all best."""
         for number in self.group.turned:
             version = self.group.versions[number]
             candidates = [(self.lone_poses[r][0][row], self.lone_poses[r][1][row]) for r, row in version.members]
@@ -119,7 +119,7 @@ class JointSolver:
         return cost
 
     def _adjust(self) -> None:
-        """Adjust jointly, observations that do not fit left out."""
+        """Joint adjustment without outlier observations."""
         versions = self.group.versions
         R, p = np.array([v.R for v in versions]), np.array([v.p for v in versions])
         rows = [*self.group.rows(), np.arange(len(versions))]
@@ -138,9 +138,9 @@ class JointSolver:
             version.R, version.p = R_now, p_now
 
     def _knowledge(self, R: FloatArray, p: FloatArray) -> BundleProblem:
-        """Prior knowledge, as a recording without frames that has all landmarks.
+        """The priors, as a recording without frames that contains all landmarks.
 
-        Of several versions of a landmark the known one is the nearest, and the one on a declared wall the last.
+        If a landmark has several versions, the known map belongs to the nearest, and a declared wall to the last.
         """
         last = self._last_versions()
         mapped = []
@@ -169,11 +169,11 @@ class JointSolver:
         return last
 
     def _when(self, version: Version) -> tuple[float, int]:
-        """Order in time: by clock where that tells, else by the order of the recordings."""
+        """Order in time: by the clocks if they are comparable, else by the order of the recordings."""
         return (self.span(version)[1] if self.dated([version]) else 0.0), version.recordings[-1]
 
     def dated(self, versions: Sequence[Version]) -> bool:
-        """Do clocks tell which of these came first?"""
+        """Whether the clocks determine which of these came first."""
         spans = sorted((problem.times[0], problem.times[-1]) for problem in self.problems)
         if all(before[1] <= after[0] for before, after in pairwise(spans)):
             return True
@@ -181,7 +181,7 @@ class JointSolver:
         return spans[0][0] > CALENDAR_S and all(before[1] <= after[0] for before, after in pairwise(seen))
 
     def span(self, version: Version) -> tuple[float, float]:
-        """First and last time at which observations have it there."""
+        """First and last time of observations that agree with this version."""
         times = []
         for recording, row in version.members:
             problem = self.problems[recording]
@@ -190,7 +190,7 @@ class JointSolver:
         return (min(times), max(times)) if times else (0.0, 0.0)
 
     def _release(self) -> bool:
-        """The known landmark that stands farthest elsewhere, if by more than chance: it was moved since."""
+        """The known landmark farthest from its known place, if significantly: it was moved."""
         if not self.known:
             return False
         views = {
@@ -207,13 +207,13 @@ class JointSolver:
         return True
 
     def _released_by_all(self) -> set[LandmarkId]:
-        """Known landmarks that every recording which saw them has elsewhere."""
+        """Known landmarks that every recording which saw them has at another place."""
         saw = [(one.released, set(one.solved.problem.landmark_ids)) for one in self.group.lone]
         some = {id_ for released, _ in saw for id_ in released}
         return {id_ for id_ in some if all(id_ in released for released, seen in saw if id_ in seen)}
 
     def _take_back(self) -> bool:
-        """Known landmarks that were released while another one pulled them, and stand where they are known to be."""
+        """Released landmarks that are at their known places after all: another landmark had pulled them."""
         if not self.released:
             return False
         C, noise = self.joint.covariance(), noise_factor(self.problems)
@@ -230,10 +230,10 @@ class JointSolver:
         return bool(back)
 
     def _split(self) -> bool:
-        """The landmark that two poses explain best of all, if by more than chance (`moved_landmarks.py`).
+        """The landmark that two poses explain most significantly better than one, if any (`moved_landmarks.py`).
 
         One at a time: a moved landmark pulls its recording, and with it landmarks that nobody moved.  Known places
-        that contradict each other do so too, so that nothing is said of how those landmarks were moved.
+        that contradict each other do so too, so motions of those landmarks are not reported.
         """
         self.noise = noise_factor(self.problems)
         tests = split_tests(self.joint, self.problems, self.group.versions, self.lone_used, self.noise)
@@ -258,7 +258,7 @@ class JointSolver:
         return True
 
     def _merge(self) -> bool:
-        """Versions of a landmark that stand in one place, as far as the joint covariance tells, are one."""
+        """Merge versions of a landmark that are at one place, according to the joint covariance."""
         numbers: dict[LandmarkId, list[int]] = {}
         for number, version in enumerate(self.group.versions[: len(self.joint.p)]):
             numbers.setdefault(version.id, []).append(number)
@@ -289,7 +289,7 @@ class JointSolver:
         return float(d @ np.linalg.solve(self.noise * both + still(), d))
 
     def results(self, left_out: Mapping[str, str], keep_doubtful: bool = False) -> JointSurvey:
-        """Map, recordings and what to check; covariances by what the observations err, which splitting knows."""
+        """Map, recordings and warnings; covariances include the noise factors of the observations."""
         noise = [noise_factor([problem]) for problem in self.problems]
         C, spreads = self._covariance(noise), self._spreads()
         surveys, information = [], []
@@ -336,7 +336,7 @@ class JointSolver:
     def _doubtful(self, current: Sequence[MappedLandmark], order: Sequence[int]) -> tuple[KeptOut, ...]:
         """Landmarks that too few frames of all recordings support."""
         recordings = [LocatedFrames.of(one.solved.problem, one.rig) for one in self.group.lone]
-        # Of several versions of a landmark the current one is asked.
+        # If a landmark has several versions, the current one is tested.
         for m, number in zip(current, order, strict=True):
             members = {recording for recording, _ in self.group.versions[number].members}
             for k, recording in enumerate(recordings):
@@ -349,20 +349,20 @@ class JointSolver:
         return self._stated(noise).covariance()
 
     def _stated(self, noise: Sequence[float]) -> InformationSum:
-        """Equations of all versions, in which the swelling of faces is free."""
+        """Equations of all versions, with the swelling of faces as unknown."""
         problems = zip([*self.problems, self.knowledge], [*noise, 1.0], strict=True)
         parts = (problem.stated_equations(factor)[0].eliminate(problem.own) for problem, factor in problems)
         return self.joint.sum_of(parts)
 
     def _find_swelling(self) -> None:
-        """Find the swelling of faces in every recording, by the landmarks as all recordings have them."""
+        """Estimate the swelling of faces in every recording, with the joint landmark poses."""
         noise = [noise_factor([problem]) for problem in self.problems]
         step = self._stated(noise).solve()
         for problem, rows, factor in zip(self.problems, self.group.rows(), noise, strict=True):
             problem.find_swelling(factor, step[unknowns_of(rows, 6)])
 
     def _mapped(self, C: FloatArray) -> tuple[list[MappedLandmark], list[MovedLandmark], list[int]]:
-        """Landmarks that are valid now, those that were moved, and the versions of the former."""
+        """Landmarks that are valid now, those that were moved, and the versions of the valid ones."""
         numbers: dict[LandmarkId, list[int]] = {}
         for number, version in enumerate(self.group.versions):
             if self._supported(version):
@@ -394,7 +394,7 @@ class JointSolver:
         return moved
 
     def _supported(self, version: Version) -> bool:
-        """Does any observation have it there, or is it known beforehand?"""
+        """Whether any observation supports this version, or it is known beforehand."""
         pairs = [(self.problems[recording], row) for recording, row in version.members]
         seen = any(((problem.seen.of == row) & problem.used).any() for problem, row in pairs)
         return seen or version.id in self.anchors
@@ -420,8 +420,8 @@ class JointSolver:
 
 
 def _elsewhere(C: FloatArray, rows: IntArray, own: FloatArray) -> FloatArray:
-    """Information on some unknowns beside one's own, from the joint covariance of all."""
+    """Information on some unknowns from other recordings, from the joint covariance of all."""
     mine = C[np.ix_(rows, rows)]
-    # Landmarks that are known exactly stand beside others that are hardly known.
+    # Exactly known landmarks occur together with hardly determined ones.
     scale = 1 / np.sqrt(np.diag(mine))
     return np.asarray(np.linalg.inv(mine * scale[:, None] * scale) * scale[:, None] * scale - own)

@@ -26,14 +26,14 @@ class JointSurvey:
     Attributes:
         landmarks: the map; `past` has landmarks as they were before they were moved.
         joint: (6L,6L) covariance of all landmarks valid now, in the map's order.
-        names, surveys: of the recordings that fit: poses and landmarks as all recordings together have them.
+        names, surveys: of the recordings that fit, with poses and landmarks of the joint adjustment.
         left_out: names of recordings that do not fit or cannot be surveyed, and why.
         moved: landmarks that were moved between recordings.
-        information: what each recording that fits tells of its landmarks.
-        poorly_determined, unplaced, ambiguous, off_constraint: as of a `Survey`, by all recordings.
+        information: of each recording that fits, on its landmarks.
+        poorly_determined, unplaced, ambiguous, off_constraint: as in `Survey`, for all recordings.
         warnings: what a user should check, in words.
-        kept_out: codes that were read, and are not believed to be landmarks, by all recordings.
-        disputed: as of a `Survey`, by all recordings.
+        kept_out: codes that were read but are doubtful in all recordings together.
+        disputed: as in `Survey`, for all recordings.
     """
 
     landmarks: LandmarkMap

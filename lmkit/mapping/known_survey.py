@@ -1,4 +1,4 @@
-"""A recording surveyed by a known map of which landmarks may have been moved since."""
+"""Survey of a recording with a known map, some of whose landmarks may have been moved."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.model.landmark_id import LandmarkId
 
-MOST_RELEASED = 12  # landmarks, one at a time; where more stand elsewhere the map itself is doubted
+MOST_RELEASED = 12  # landmarks, one at a time; if more are at other places, the map itself is doubted
 LEAST_REFUTING, REFUTED, AGREES = 10, 0.8, 0.2  # observations of a landmark; shares of them that do not fit
 LEAST_AGREEING = 2  # other landmarks
-NEAR_M, NEAR_RAD = 0.1, np.deg2rad(15)  # of an exact place: no farther off, another one may have pulled it
+NEAR_M, NEAR_RAD = 0.1, np.deg2rad(15)  # of an exact place: within these limits, another landmark may have pulled it
 HARDLY_KNOWN = np.diag([1.0] * 3 + [0.25] * 3)  # m^2, rad^2
 
 
 @dataclass(frozen=True, eq=False)
 class KnownSurvey:
-    """A recording solved by those known landmarks that stand where they are known to be.
+    """A recording solved with those known landmarks that were not moved.
 
     Attributes:
         solved: the recording.
-        anchors: what was known beforehand and holds.
+        anchors: known landmarks that were not moved.
         released: known landmarks that were moved since.
         disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
     """
@@ -44,15 +44,15 @@ def solve_by_known(
 ) -> KnownSurvey:
     """Solve a recording, and again without each known landmark that was moved since, the clearest one first.
 
-    One that was moved pulls the recording, and with it landmarks that nobody moved: those that turn out to stand
-    where they are known to be are known again.
+    A moved landmark pulls the recording, and with it landmarks that nobody moved: those that turn out to be
+    at their known places become anchors again.
 
     Args:
-        solve: solves the recording by the anchors given; errors are its own.
+        solve: solves the recording with the given anchors, and may raise its own errors.
     """
     released: set[LandmarkId] = set()
     held: set[LandmarkId] = set()  # are not released again
-    hardly: dict[LandmarkId, Anchor] = {}  # released, and cannot be placed but from where they are known to be
+    hardly: dict[LandmarkId, Anchor] = {}  # released, but can only be placed from their known places
 
     def solve_without_released() -> SolvedRecording:
         believed = {id_: anchor for id_, anchor in known.items() if id_ not in released}
@@ -89,9 +89,10 @@ def _test(solved: SolvedRecording, anchors: Mapping[LandmarkId, Anchor]) -> Know
 
 
 def _refuted(solved: SolvedRecording, anchors: Mapping[LandmarkId, Anchor]) -> KnownTest | None:
-    """The landmark of an exact place that nearly all that was seen of it contradicts, while others agree with theirs.
+    """The landmark with an exact place that nearly all its observations contradict, while others agree with theirs.
 
-    Nobody said how well such places are known, so that no test tells chance from a move.  A whole recording does.
+    The accuracy of such places is not stated, so no statistical test applies; a large share of observations is
+    required.
     """
     problem = solved.problem
     exact = [k for k, id_ in enumerate(problem.landmark_ids) if id_ in anchors and is_exact(anchors[id_])]

@@ -1,7 +1,7 @@
 """Initial pose of one landmark, from frames with known poses.
 
-One view of one landmark allows two poses: all candidates from its largest views are judged on all of them, and the
-landmark is placed once one of them explains what the others cannot.
+One view of one landmark allows two poses.  All candidates from its largest views are evaluated on all these views,
+and the landmark is placed when one candidate explains them clearly better than the others.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from lmkit.model.recording import RigFrame
 from lmkit.odometry.dead_reckoning import ReckonedPoses
 
 VIEWS = 8  # of a landmark that place it, the largest
-CANDIDATE_VIEWS = 4  # of those, that say where it may be mounted
+CANDIDATE_VIEWS = 4  # of those, that give candidates
 SURE_RATIO = 10.0  # log likelihood ratio of a landmark's best candidate to another one
 CAP = 8 * 4.5**2  # of a view's chi2
-LOCATED_PX, CARRIED_PX = 0.5, 12.0  # what a corner may be off, seen from where the rig was located or carried to
-CARRY_M = 6.0  # odometry is believed that far
+LOCATED_PX, CARRIED_PX = 0.5, 12.0  # corner error due to the pose of the frame, located or from dead reckoning
+CARRY_M = 6.0  # dead reckoning is used up to this distance
 SAME_M, SAME_RAD = 0.3, 0.35
 
 View = tuple[tuple[Detection, ...], ...]
-At = list[tuple[int, Pose, float]]  # frame, T_map_left, and what a corner may be off
+At = list[tuple[int, Pose, float]]  # frame, T_map_left, and corner error due to that pose
 
 
 class Placing:
-    """The views of a recording's landmarks, and what each of them allows.
+    """The views of a recording's landmarks, and the candidate poses of each view.
 
     Args:
-        sizes_m: printed sizes of those that are to be placed.
+        sizes_m: printed sizes of the landmarks to place.
     """
 
     def __init__(self, frames: Sequence[RigFrame], rig: AnyRig, sizes_m: Mapping[LandmarkId, float]) -> None:
         self._frames, self._rig, self._sizes_m = frames, rig, sizes_m
         self.views = _views(frames)
         self.wanted = {key for key in self.views if key in sizes_m}
-        # Of a frame and a landmark: where the camera may be in the landmark's frame.
+        # For a frame and a landmark: candidate camera poses in the landmark's frame.
         self._seen_from: dict[tuple[int, LandmarkId], list[Pose]] = {}
         self._maps: dict[LandmarkId, LandmarkMap] = {}  # of one landmark each, at the origin
 
@@ -67,10 +67,10 @@ class Placing:
     def place(
         self, key: LandmarkId, poses: Sequence[Pose | None], reckoned: ReckonedPoses, least: int
     ) -> MappedLandmark | None:
-        """Pose on which its views agree best; None while a different one does as well, or too few agree.
+        """Pose on which its views agree best; None if another pose is as good, or too few views agree.
 
         Args:
-            poses, carried: of the frames, located and carried on.
+            poses, carried: of the frames, located and from dead reckoning.
             least: frames that must agree.
         """
         at = self._known_views(key, poses, reckoned)
@@ -95,7 +95,7 @@ class Placing:
         return MappedLandmark(key, self._sizes_m[key], candidates[best])
 
     def _known_views(self, key: LandmarkId, poses: Sequence[Pose | None], reckoned: ReckonedPoses) -> At:
-        """The largest views from frames that were located, and some from frames not far from those."""
+        """The largest views from located frames, and some from frames near these."""
         views = self.views[key]
         located = [(k, pose, LOCATED_PX) for _, k in views if (pose := poses[k]) is not None][:VIEWS]
         room = VIEWS - len(located) // 2
@@ -141,14 +141,14 @@ class Placing:
         for which in range(len(cameras)):
             for column, (k, _, _) in enumerate(at):
                 same = [o for o in self._frames[k].seen[which] if o.id == key]
-                if len(same) == 1:  # of two in one image nobody knows which is the mapped one
+                if len(same) == 1:  # if one image has two, it is unknown which is the mapped one
                     listed += same
                     rows.append((column, which))
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2)
         counts = np.bincount(numbers[:, 1], minlength=len(cameras)).tolist()
         looked = through_lenses(listed, [camera.model for camera in cameras], counts, floor_px)
         view, mount = np.ascontiguousarray(numbers[looked.kept].T)
-        # Seen from the landmark, a candidate puts each view's camera somewhere else.
+        # In the landmark's frame, each candidate gives other camera poses.
         T = PoseArray.from_poses("map", "landmark", candidates).inverse()
         rigs = PoseArray.from_poses("map", "left", [pose for _, pose, _ in at])
         R = T.R[:, None] @ rigs.R

@@ -1,11 +1,11 @@
-"""Landmarks that too few frames support to be believed: one misreading of one frame is no landmark.
+"""Doubtful landmarks: codes that were read in too few frames to exclude a misreading.
 
-A reading's confidence says how often such readings are right, and two readings of a code in one place leave next to
-no doubt that it is mounted there, if they err independently.  Those of one frame do not: both cameras look at the
-same print in the same light.  So frames are counted.  A code that stands in the place of another one is a misreading
-of that, if the other is read ten times as often, or twice as often and before and after it: a landmark that took the
-place of another one is read after that.  A code that is read now and then, in full view, is that of a print which
-looks like a landmark (`reading_rate.py`).
+The confidence of a reading is the probability that it is right.  Two independent readings of a code at one place
+leave hardly any doubt.  Readings of one frame are not independent: both cameras see the same print in the same light.
+So frames are counted.  A code at the place of another landmark is a misreading of it, if the landmark is read ten
+times as often, or twice as often and before and after the code: a landmark that took the place of another is read
+only afterwards.  A code that is read only sometimes, in full view, comes from a print that resembles a landmark
+(`reading_rate.py`).
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from lmkit.model.landmark_map import MappedLandmark
 from lmkit.model.landmark_overlap import overlaps
 
 LEAST_FRAMES = 2
-RARE = 0.1  # of the frames of the landmark in whose place it stands
-# The same, of a code that is read between readings of that landmark; and the share of its own frames which lie so.
+RARE = 0.1  # of the frames of the landmark at the same place
+# The same for a code that is read between readings of that landmark; and the required share of its frames in between.
 RARE_BETWEEN, BETWEEN = 0.5, 0.5
-# Share of the frames next to readings in which a landmark is read, at least; and the probability that one of that
-# share is read in so few of them by chance, below which a code is not believed.
+# Least share of the frames next to readings in which a landmark is read; and the probability that a landmark with
+# this share is read in so few of them by chance, below which a code is doubtful.
 STEADY, BY_CHANCE = 0.5, 0.1
 
 
@@ -35,7 +35,7 @@ class KeptOut:
     """A code that was read, and is kept out of the map.
 
     Attributes:
-        reason: as a clause about it.
+        reason: a clause for the message.
     """
 
     id: LandmarkId
@@ -57,11 +57,11 @@ def doubtful_landmarks(
     recordings: Sequence[LocatedFrames],
     known: Collection[LandmarkId],
 ) -> tuple[KeptOut, ...]:
-    """Landmarks that are not to be believed.
+    """Landmarks to keep out of the map, with the reason.
 
     Args:
         recordings: of the place, in the frame of the landmarks.
-        known: landmarks that are known beforehand, or define the frame; those are believed.
+        known: landmarks that are known beforehand, or define the frame; these are never doubtful.
     """
     landmarks = list(landmarks)
     times = {m.id: [recording.times_of(m.id) for recording in recordings] for m in landmarks}
@@ -97,6 +97,6 @@ def _is_read_steadily(beside: int, read: int) -> bool:
 
 
 def _between(times: Sequence[FloatArray], others: Sequence[FloatArray]) -> int:
-    """How many times lie between others, in the same recording: what took a landmark's place is read after it."""
+    """Number of times between the first and last of others, in the same recording."""
     pairs = [(own, other) for own, other in zip(times, others, strict=True) if len(other)]
     return sum(int(((own > other.min()) & (own < other.max())).sum()) for own, other in pairs)

@@ -22,7 +22,7 @@ def overlap_doubts(landmarks: Iterable[MappedLandmark]) -> list[str]:
 
 
 def exactness_doubts(landmarks: Iterable[MappedLandmark], contradicted: Collection[LandmarkId]) -> list[str]:
-    """A sentence where the images contradict several landmarks that count as exact: measured badly, rather."""
+    """A sentence if the images contradict several exact landmarks, which were then probably measured by hand."""
     exact = [m.id for m in landmarks if m.covariance is None or not m.covariance.any()]
     wrong = set(exact) & set(contradicted)
     if len(wrong) < DOUBTED:

@@ -1,9 +1,9 @@
-"""Maps of single recordings laid over each other by the landmarks that they share.
+"""Alignment of the maps of single recordings by the landmarks that they share.
 
-Every shared landmark has a whole pose in both maps, and so says how the one lies in the other.  Each of these answers
-is refined on all shared landmarks with Cauchy's loss, on places and on directions apart, so that landmarks that were
-moved, or stand in one map in the second of their two poses, do not pull; the likeliest answer wins.  If another one
-is nearly as likely, the maps are not joined.
+Every shared landmark has a full pose in both maps, and so gives a hypothesis of their relative pose.  Each hypothesis
+is refined on all shared landmarks with Cauchy's loss, separately for positions and rotations, so that landmarks that
+were moved, or have their second pose in one map, do not bias it; the most likely hypothesis is chosen.  If another
+one is nearly as likely, the maps are not joined.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lmkit.geometry.rotations import rotation_exp, rotation_log, skew
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
-PLACE_FLOOR_M, TURN_FLOOR_RAD = 0.01, np.deg2rad(1.0)  # how well two surveys of one room agree at best
+PLACE_FLOOR_M, TURN_FLOOR_RAD = 0.01, np.deg2rad(1.0)  # best agreement of two surveys of one room
 SCALE = 2.0  # of the loss, standard deviations
 FITS_SIGMA = 4.0  # root mean square of a landmark's place
 STEPS = 15
@@ -34,7 +34,7 @@ class LoneMap:
     Attributes:
         ids: (L); an id may come twice, where a landmark was moved.
         R, p: (L,3,3), (L,3) their poses.
-        covariances: (L,6,6) of place and turn.
+        covariances: (L,6,6) of position and rotation.
         ambiguous: (L,) the second pose explains the recording as well.
     """
 
@@ -45,7 +45,7 @@ class LoneMap:
     ambiguous: BoolArray
 
     def laid(self, R: FloatArray, t: FloatArray, covariance: FloatArray) -> LoneMap:
-        """The map moved by x -> R x + t, which is known to a covariance (6,6) of shift and turn."""
+        """The map transformed by x -> R x + t, with the (6,6) covariance of that shift and rotation."""
         turned = np.kron(np.eye(2), R)
         p = self.p @ R.T
         J = np.tile(np.eye(6), (len(p), 1, 1))
@@ -67,14 +67,14 @@ class LoneMap:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """How one map lies in another, x -> R x + t.
+    """Relative pose of two maps, x -> R x + t.
 
     Attributes:
-        covariance: (6,6) of shift and turn.
+        covariance: (6,6) of shift and rotation.
         pairs: (S,2) rows of the shared landmarks in both maps.
-        fits: (S,) the places agree.
-        turned: (S,) the places agree, the directions do not.
-        lead: by how much the next best placement costs more; infinite without one.
+        fits: (S,) the positions agree.
+        turned: (S,) the positions agree, the rotations do not.
+        lead: cost of the next best placement minus that of this one; infinite without another.
     """
 
     R: FloatArray
@@ -92,7 +92,7 @@ class Placement:
 
 
 def place_map(fixed: LoneMap, other: LoneMap) -> Placement | str:
-    """Placement of ``other`` in ``fixed``, or a clause that says why there is none."""
+    """Placement of ``other`` in ``fixed``, or a clause with the reason why there is none."""
     where = {id_: [k for k, i in enumerate(fixed.ids) if i == id_] for id_ in set(fixed.ids) & set(other.ids)}
     pairs = np.array([(k, row) for row, id_ in enumerate(other.ids) for k in where.get(id_, ())]).reshape(-1, 2)
     if not len(pairs):
@@ -134,7 +134,7 @@ class _Match:
         self.center = self.p.mean(axis=0)
 
     def spread(self) -> FloatArray:
-        """(S,) how badly each landmark alone tells the placement."""
+        """(S,) uncertainty of the placement from each landmark alone."""
         both = self.C_fixed + self.C
         return np.asarray(np.trace(both[:, 3:, 3:], axis1=1, axis2=2))
 
@@ -149,7 +149,7 @@ class _Match:
             H, g, _ = self._equations(R, t)
             step = np.linalg.solve(H, g)
             R, t = rotation_exp(step[3:]) @ R, t + step[:3]
-            # The turn is about the origin of the laid map's arms; shifts are exact.
+            # The rotation is about the origin of the aligned map's arms; shifts are exact.
             if np.abs(step).max() < 1e-9:
                 break
         return self._equations(R, t)[2], R, t

@@ -1,7 +1,7 @@
 """Equations of the motions of a rig between neighbors in time, for bundle adjustment.
 
-Odometry says how the rig moves from one frame to the next (`odometry/motion_model.py`); each motion is six equations
-on both poses and on the odometry's own errors, weighed down where it does not fit, as where a wheel slips.
+Odometry gives the motion of the rig between frames (`odometry/motion_model.py`).  Each motion gives six equations
+on both poses and the odometry's errors, which are down-weighted if they do not fit, as for a slipping wheel.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 SLIP_SIGMA, NEVER = 10.0, 1e6  # scale of the loss of motions; of one that lets no wheel slip
 LEAST_TO_WEIGH = 20  # motions
-KNOWN_BELOW = 0.3  # share of a motion's variance that is left once the cameras have spoken
+KNOWN_BELOW = 0.3  # share of a motion's variance that remains after the camera observations
 
 
 @dataclass(frozen=True, eq=False)
 class StandardMotions:
-    """Motions between neighbors in time in standard deviations, all of the same weight.
+    """Motions between neighbors in time, in standard deviations, without robust weights.
 
     Attributes:
         before, after: (N-1,6,6) derivatives with the earlier and the later pose.
@@ -43,7 +43,7 @@ class StandardMotions:
 
 @dataclass(frozen=True, eq=False)
 class MotionRows:
-    """Equations of the motions between neighbors in time, in standard deviations and robustly weighed.
+    """Equations of the motions between neighbors in time, in standard deviations, with robust weights.
 
     Attributes:
         before, after: (N-1,6,6) derivatives with the earlier and the later pose.
@@ -66,10 +66,10 @@ class MotionRows:
 def standard_motions(
     steps: Steps, scale: FloatArray, base: tuple[FloatArray, FloatArray], arm: FloatArray
 ) -> StandardMotions:
-    """Motions of a robot beside what its odometry says of them.
+    """Motions of a robot compared with its odometry.
 
     Args:
-        steps: what the odometry says.
+        steps: motions of the odometry.
         scale: (6,) factors of its standard deviations.
         base: (N,3,3), (N,3) T_map_base of the robot.
         arm: (N,3) from the rig to the base, about the map's axes; poses turn about the rig.
@@ -93,7 +93,7 @@ def standard_motions(
 
 
 def weighed(motions: StandardMotions, slip_sigma: float) -> MotionRows:
-    """Motions weighed down where they do not fit, by a loss of this scale in standard deviations."""
+    """Motions with robust weights, for a loss with this scale in standard deviations."""
     squared = (motions.residuals**2).sum(axis=1) / 6
     root = np.sqrt(cauchy_weight(squared, slip_sigma))
     before, after, K = (
@@ -107,8 +107,8 @@ def add_motions(equations: ChainEquations, motions: MotionRows, motion: Motion, 
     """Add motions to equations whose first shared unknowns are the odometry's errors; their cost.
 
     Args:
-        motion: what is known of those errors beforehand.
-        parameters: (P,) as they stand.
+        motion: prior of those errors.
+        parameters: (P,) current values.
     """
     before, after, r, K = motions.before, motions.after, motions.residuals, motions.by_parameters
     equations.add_between(before, after, r)
@@ -125,10 +125,10 @@ def add_motions(equations: ChainEquations, motions: MotionRows, motion: Motion, 
 
 
 def noise_factors(motions: StandardMotions, states: FloatArray, across: FloatArray) -> FloatArray:
-    """(6,) factors of the standard deviations, from how motions agree with what was seen.
+    """(6,) factors of the standard deviations, from the agreement of motions with the observations.
 
-    One step of expectation maximization.  Where the cameras say little, motion agrees with itself; only motions of
-    which they say more are asked.
+    One step of expectation maximization.  Where the cameras give little information, motion agrees with itself; only
+    motions with enough camera information are used.
 
     Args:
         states, across: (N,6,6), (N-1,6,6) covariances of poses and of neighbors.

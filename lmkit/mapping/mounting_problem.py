@@ -1,7 +1,7 @@
 """Equations of `base_mounting.py`: the robot's path, odometry, the floor, the cameras' places and clocks, the map.
 
-Poses of the base are a chain in the order of time; everything else is its border.  If the cameras' clocks are to be
-found, every exposure has a pose of its own, at its stamp and the offset of its camera as it stands.
+Poses of the base are a chain in the order of time; all other unknowns are its border.  If the cameras' clocks are to
+be estimated, every exposure has its own pose, at its time stamp plus the current offset of its camera.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from lmkit.optim.border_blocks import BlockPattern
 from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import CAUCHY_SCALE, cauchy_cost, cauchy_weight
 
-Group = tuple[str, Rig | StereoRig, list[int]]  # cameras that keep their places: name, rig, lists of detections
+Group = tuple[str, Rig | StereoRig, list[int]]  # cameras with fixed relative poses: name, rig, lists of detections
 
 OWN = len(NOMINAL)  # of the shared unknowns; then the floor, the cameras, their clocks, the landmarks
 FLOOR = 3  # tilts about x and y (rad), height (m)
-TILT_RAD, HEIGHT_M = 0.1, 1.0  # what the floor may be before anything is seen
-STATED_M = 0.002  # how well a stated height is known
+TILT_RAD, HEIGHT_M = 0.1, 1.0  # prior of the floor
+STATED_M = 0.002  # standard deviation of a stated height
 MOUNT_M, MOUNT_RAD = 3.0, 3.0
-CLOCK_S = 0.5  # how far a clock may be from what the rig file says
+CLOCK_S = 0.5  # prior of a clock offset, relative to the rig file
 SLIP_SIGMA = 10.0
 EXACT = 1e-12
 DAMPING = Damping(grow=50.0)
 ROUNDS, STEPS, CORRECTIONS = 5, 30, 3
 OUTLIER_SIGMA = 4.5
-APART_S = 1e-5  # between exposures at one time: how far the robot strays from its odometry must not be zero
+APART_S = 1e-5  # between simultaneous exposures: the noise of the motion must not be zero
 # To both sides, for derivatives with a clock: over less, noise from row to row looks like changes of speed.
 CLOCK_SPAN_S = 0.03
 
@@ -63,13 +63,13 @@ class MountingState:
 
 
 class MountingProblem:
-    """A recording, and the unknowns as they stand.
+    """A recording, and the current values of the unknowns.
 
     Args:
         frames: as the robot's poses: start.path belongs to them.
-        groups: cameras that keep their places to each other.
+        groups: cameras with fixed relative poses.
         clocks: (N,) group whose clock stamps each frame; the first group's is the recording's.
-        offsets_s: (C-1,) of the clocks as the rig file has them, which are found; empty: stamps are right.
+        offsets_s: (C-1,) clock offsets of the rig file, which are estimated; empty: stamps are right.
         height_m: of the first camera above the base, if stated.
     """
 
@@ -124,7 +124,7 @@ class MountingProblem:
         return np.asarray(self.stamps + np.append(0.0, state.offsets)[self.clocks])
 
     def optimize(self) -> None:
-        """Solve, and leave out what does not fit."""
+        """Solve, and leave out outliers."""
         for _ in range(ROUNDS):
             self._sort()
             self.state = minimize(self, self.state, STEPS, 1e-3, DAMPING).state
@@ -136,7 +136,7 @@ class MountingProblem:
         self._correct()
 
     def _sort(self) -> None:
-        """Poses in the order of time, and how far the robot strays from its odometry between them."""
+        """Sort the poses by time, and compute the motion noise between them."""
         order = np.argsort(self.times(self.state), kind="stable")
         if (np.diff(order) < 0).any():
             everything = range(len(self.mapped))
@@ -155,7 +155,7 @@ class MountingProblem:
         return equations, cost
 
     def solve(self, equations: ChainEquations, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Steps of the path and of all that it shares."""
+        """Steps of the path and of the shared unknowns."""
         return equations.solve(damping)
 
     def retract(self, state: MountingState, step: tuple[FloatArray, FloatArray]) -> MountingState:
@@ -268,14 +268,14 @@ class MountingProblem:
         return np.asarray((later - earlier) / (2 * CLOCK_SPAN_S))
 
     def _weigh_motion(self) -> None:
-        """How well these wheels count, from how they agree with the cameras."""
+        """Update the wheel noise from its agreement with the cameras."""
         states, across, _ = self.linearize(self.state)[0].covariances()
         residuals, before, after, _, _ = self._motion_rows(self.state)
         correction = noise_correction(residuals, determined_by_poses(before, after, states, across))
         self.motion_scale *= correction
 
     def _add_known(self, e: ChainEquations, state: MountingState) -> float:
-        """Prior knowledge: odometry, floor, stated height, clocks, landmarks."""
+        """Add the priors: odometry, floor, stated height, clocks, landmarks."""
         sigma = np.array([TILT_RAD, TILT_RAD, HEIGHT_M if self.height_m is None else 10 * HEIGHT_M])
         rows = np.arange(OWN, self.mounts)
         cost = _add_prior(e, rows, -state.floor, sigma)
@@ -309,7 +309,7 @@ class MountingProblem:
         return [kernel.bundle_chi2(self._bundle(self.state, k, T)) for k, T in enumerate(poses)]
 
     def covariance(self) -> FloatArray:
-        """(S,S) of what all frames share, enlarged where corners fit worse than they state, and by noise."""
+        """(S,S) covariance of the shared unknowns, enlarged for corners that fit worse than stated, and for noise."""
         states, across, shared = self.linearize(self.state)[0].covariances()
         shift = shared @ self._noise_scores(states, across)
         chi2, used = np.concatenate(self._chi2()), np.concatenate(self.used)
@@ -317,18 +317,18 @@ class MountingProblem:
         return np.asarray(enlarge * (shared + shared.T) / 2 + np.outer(shift, shift))
 
     def _correct(self) -> None:
-        """Solve for what all frames share with the scores that noise of the reported way adds taken out."""
+        """Solve for the shared unknowns with the bias from noise of the measured distance subtracted."""
         for _ in range(CORRECTIONS):
             equations = self.linearize(self.state)[0]
             equations.shared_gradient += self._noise_scores(*equations.covariances()[:2])
             self.state = self.retract(self.state, equations.solve(0.0))
 
     def _noise_scores(self, states: FloatArray, across: FloatArray) -> FloatArray:
-        """(S,) by how much noise of the reported way lowers the gradient of what all frames share, on average.
+        """(S,) mean bias of the gradient of the shared unknowns, caused by noise of the measured distance.
 
-        The reported way is also what ``forward_scale`` and ``slowing_s`` multiply, so its noise is in the errors and
-        in their derivatives (errors in variables): it looks like motion that tells the two apart.  It shows as far as
-        the poses tell of motions beside the odometry.
+        The measured distance is multiplied by ``forward_scale`` and ``slowing_s``, so its noise is in the residuals
+        and in their derivatives (errors in variables): it looks like information that separates the two.  The bias is
+        proportional to the information on motions from the poses.
         """
         _, before, after, _, _ = self._motion_rows(self.state)
         determined = determined_by_poses(before, after, states, across)[:, 0]

@@ -1,10 +1,10 @@
-"""Landmarks of a known map that were moved since, found by a hypothesis test on the cost.
+"""Landmarks of a known map that were moved later, found by a hypothesis test on the cost.
 
-The known map is one view of a landmark, recordings are others.  Where nobody moved the landmark, the squared distance
-of the two in standard deviations is chi-squared with six degrees of freedom; all known landmarks in view are tested,
-so that the level is divided by their number (Bonferroni).  Observations that the adjustment left out for the
-landmark's own sake take part in its test: one that was moved far is held at its known place, and everything seen of
-it is an outlier.
+The known map is one estimate of a landmark, recordings are others.  If nobody moved the landmark, the squared
+distance of the two in standard deviations is chi-squared with six degrees of freedom; all known landmarks in view are
+tested, so the level is divided by their number (Bonferroni).  Observations that the adjustment left out as outliers
+of this landmark take part in its test: a landmark that was moved far keeps its known place, and all its observations
+are outliers.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_information import LandmarkInformation
 from lmkit.optim.information_sum import unknowns_of
 
-LEVEL = 0.01  # probability that any landmark of a survey is called moved though nobody touched it
-LEAST_SHARE = 1e-9  # of what tells most of a pose: what tells less in some direction tells nothing
-LEAST_SEEN = 3  # observations of a landmark by a recording that says it was moved
-LEAST_KNOWN = 3  # known landmarks in view: of two that contradict each other nobody knows which was moved
+LEVEL = 0.01  # probability that any landmark of a survey is called moved although nobody moved it
+LEAST_SHARE = 1e-9  # of the largest eigenvalue of the information on a pose: smaller ones count as zero
+LEAST_SEEN = 3  # least observations of a landmark by a recording in which it was moved
+LEAST_KNOWN = 3  # known landmarks in view: with only two that contradict each other, the moved one is unknown
 SURVEYED_M = 0.03  # places known better come from a survey; by hand they may be measured worse than is stated
-STILL_M, STILL_RAD = 0.002, np.deg2rad(0.3)  # how still a landmark is that nobody moved
+STILL_M, STILL_RAD = 0.002, np.deg2rad(0.3)  # repeatability of the pose of a landmark that nobody moved
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class KnownView:
 
 @dataclass(frozen=True)
 class KnownTest:
-    """The known landmark that stands farthest from its place, by more than chance.
+    """The known landmark farthest from its known place, if significantly.
 
     Attributes:
         worst: its id.
-        disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
+        disputed: known landmarks that contradict each other, if too few are in view to decide which was moved.
     """
 
     worst: LandmarkId
@@ -58,7 +58,7 @@ class KnownTest:
 
 
 def moved_threshold(tests: int) -> float:
-    """Chi-squared of six numbers that chance exceeds in none of so many tests, at the level of the survey."""
+    """Threshold of chi-squared with six degrees of freedom for this number of tests, at the level of a survey."""
     return float(chdtri(6, LEVEL / max(tests, 1)))
 
 
@@ -74,12 +74,12 @@ def find_moved(
     anchors: Mapping[LandmarkId, Anchor],
     noise: float,
 ) -> KnownTest | None:
-    """The known landmark that was moved since most clearly; None where all stand as far as anyone can tell.
+    """The known landmark that was moved most significantly; None if no known landmark was.
 
     Args:
         joint: adjusted; its first problems are ``problems``.
         views: of the known landmarks in view, by id.
-        anchors: what is known of them.
+        anchors: their known poses.
         noise: factor of the observations' variances (`observation_noise.py`).
     """
     in_view = {id_: view for id_, view in views.items() if _observations(problems, view) >= LEAST_SEEN}
@@ -104,21 +104,21 @@ def find_moved(
 
 
 def is_exact(anchor: Anchor) -> bool:
-    """A place that counts as exact: nobody said how well it is known."""
+    """Whether a place is taken as exact, because its accuracy is not stated."""
     return anchor.covariance is None or not anchor.covariance.any()
 
 
 def is_surveyed(anchor: Anchor) -> bool:
-    """A place that a survey knows: by hand it may be measured worse than it is stated, and nobody moved it.
+    """Whether a place was surveyed; one measured by hand may be less accurate than stated without any move.
 
-    A place without a covariance is not tested either: it counts as exact because nobody said how well it is known.
+    A place without a covariance is not tested either: it is taken as exact because its accuracy is not stated.
     """
     C = anchor.covariance
     return C is not None and not is_exact(anchor) and bool(np.trace(C[:3, :3]) < SURVEYED_M**2)
 
 
 def stands(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, tests: int) -> bool:
-    """Is a landmark, solved for without what was known of it, where it is known to be, as far as anyone can tell?
+    """Whether a landmark, solved without its known place, is at this place within the errors.
 
     Args:
         R, p, C: (3,3), (3,) its pose, and the (6,6) covariance of that.
@@ -131,13 +131,13 @@ def stands(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, tests: i
 
 
 def anchor_chi2(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, noise: float) -> float:
-    """Chi-squared of how far a landmark is from where it is known to be, by all else; 0 where that tells nothing.
+    """Chi-squared of a landmark's known place, compared with all other information; 0 if there is none.
 
     Args:
         anchor: its pose with a covariance.
-        R, p: (3,3), (3,) its pose by all, what is known of it among that.
+        R, p: (3,3), (3,) its pose from all information, including the known place.
         C: (6,6) covariance of that pose.
-        noise: factor of the variances of all else.
+        noise: factor of the variances of the other information.
     """
     assert anchor.covariance is not None
     T, known = anchor.landmark.T_map_landmark, np.linalg.inv(EXACT * np.eye(6) + anchor.covariance)
@@ -147,7 +147,7 @@ def anchor_chi2(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, noi
         return 0.0
     off = np.concatenate([T.t - p, rotation_log(T.R @ R.T)])
     without = np.linalg.inv(else_known)
-    # The pose by all is the mean of the two, weighed by what they tell.
+    # The pose from all is the mean of the two, weighted by their information.
     e = off + without @ known @ off
     return float(e @ np.linalg.solve(anchor.covariance + noise * without + still(), e))
 
@@ -160,7 +160,7 @@ def with_left_out(
     b: FloatArray,
     rows: IntArray,
 ) -> tuple[LandmarkInformation, FloatArray, FloatArray]:
-    """Information of a recording, and of all, with observations that were left out."""
+    """Information of a recording, and of all, including observations that were left out."""
     before = problem.used
     problem.used = before | left_out
     whole = recording_information(problem)
@@ -177,7 +177,7 @@ def _observations(problems: Sequence[BundleProblem], view: KnownView) -> int:
 
 
 def _chi2_in(joint: JointProblem, number: int, H: FloatArray, b: FloatArray, anchor: Anchor, noise: float) -> float:
-    """Chi-squared of a known landmark, from the information of all that is known and seen."""
+    """Chi-squared of a known landmark, from the information of map and observations."""
     rows = unknowns_of(np.array([number]), 6)
     try:
         solved = np.linalg.solve(H, np.column_stack([np.eye(len(b))[:, rows], b]))[rows]

@@ -20,7 +20,7 @@ class MovedLandmark:
     """A landmark that was moved between recordings.
 
     Attributes:
-        before, after: as it was mounted; `valid_to_s` and `valid_from_s` where the recordings' clocks tell.
+        before, after: its two places; with `valid_to_s` and `valid_from_s` if the recordings' clocks are comparable.
         seen_before, seen_after: names of recordings.
     """
 
@@ -33,7 +33,7 @@ class MovedLandmark:
     def since_known(
         cls, anchor: Anchor, after: MappedLandmark, since_s: float, names: tuple[str, ...]
     ) -> MovedLandmark:
-        """From a known landmark to where recordings have it.
+        """The move from a known landmark to its place in recordings.
 
         Args:
             since_s: when it was first seen there.
@@ -44,12 +44,12 @@ class MovedLandmark:
 
     @property
     def meters(self) -> float:
-        """How far its middle was moved."""
+        """Distance by which its center was moved."""
         return float(np.linalg.norm(self.after.T_map_landmark.t - self.before.T_map_landmark.t))
 
     @property
     def radians(self) -> float:
-        """How far it was turned."""
+        """Angle by which it was rotated."""
         return float(np.linalg.norm(rotation_log(self.after.T_map_landmark.R @ self.before.T_map_landmark.R.T)))
 
     def __str__(self) -> str:
@@ -79,5 +79,5 @@ class MovedLandmark:
 
 
 def _some(names: Sequence[str]) -> str:
-    """Names in a sentence; of many, the first and the last."""
+    """Names in a sentence; if there are many, the first and the last."""
     return ", ".join(names) if len(names) <= 4 else f"{names[0]} ... {names[-1]} ({len(names)} recordings)"

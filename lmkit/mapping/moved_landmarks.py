@@ -1,15 +1,15 @@
 """Moved landmarks between recordings, found by a hypothesis test on the joint cost.
 
-A landmark that one recording has elsewhere than the others do is better explained by two poses than by one.
+If one recording has a landmark at another place than the others, two poses explain it better than one.
 Splitting it adds six unknowns ``e``, the second pose relative to the first, and lowers the joint cost by
 
     e' S e,  with  e = S^-1 (b_v - H_v H^-1 b)  and  S = H_vv - H_v H^-1 H_v',
 
-H_v, H_vv and b_v being what that recording says of the landmark, H and b all that all recordings say, every pose and
-every error of the odometry eliminated.  Where nobody moved it, the drop is chi-squared with six degrees of freedom;
-all recordings' views of all landmarks are tested, so that the level is divided by their number (Bonferroni).
-A landmark of the known map that was moved since is found in the same way (`moved_known_landmarks.py`).
-Observations that the adjustment left out for the landmark's own sake take part in its test.
+where H_v, H_vv and b_v are the information of that recording on the landmark, and H and b that of all recordings,
+every pose and odometry error eliminated.  If nobody moved the landmark, the decrease is chi-squared with six degrees
+of freedom; all recordings' estimates of all landmarks are tested, so the level is divided by their number
+(Bonferroni). A landmark of the known map that was moved later is found in the same way (`moved_known_landmarks.py`).
+Observations that the adjustment left out as outliers of a landmark take part in its test.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from lmkit.optim.information_sum import unknowns_of
 
 @dataclass(frozen=True)
 class SplitTest:
-    """Result for one recording's view of one landmark.
+    """Result for one recording's estimate of one landmark.
 
     Attributes:
         version: number of the landmark's version.
         member: recording, and row among its landmarks.
-        chi2: by which two poses explain all recordings better than one.
+        chi2: decrease of the cost with two poses instead of one.
     """
 
     version: int
@@ -50,11 +50,11 @@ def split_tests(
     usable: Sequence[BoolArray],
     noise: float,
 ) -> list[SplitTest]:
-    """Test every recording's view of every landmark that other recordings have as well.
+    """Test every recording's estimate of every landmark that other recordings also observed.
 
     Args:
         joint: adjusted; its first problems are ``problems``.
-        usable: (S,) of each recording: observations that it believes on its own.
+        usable: (S,) of each recording: inliers of its own survey.
         noise: factor of all variances (`observation_noise.py`).
     """
     parts = joint.information()

@@ -1,8 +1,8 @@
-"""Which extra view of a weakly determined landmark would tell most of it.
+"""The additional view that reduces the covariance of a poorly determined landmark most.
 
-Every candidate is a stereo view from where the robot may stand: the landmark and its neighbors in view, with corners
-as good as measured ones of their size.  What that view tells, with what is known of the map, says how well the
-landmark would be known afterwards (the greedy choice of active vision; Davison and Murray 2002).
+Every candidate is a stereo view from a place that the robot can reach: the landmark and its neighbors in view, with
+corners as accurate as measured ones of their size.  The information of this view and of the map gives the covariance
+of the landmark after it (the greedy choice of active vision; Davison and Murray 2002).
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from lmkit.simulation.observations import look
 DISTANCES_M = (0.6, 1.0, 1.5, 2.2, 3.0)
 ASIDE_DEG = (0.0, -25.0, 25.0, -50.0, 50.0)
 PAN_DEG = (0.0, -18.0, 18.0)
-REACHED_M = 1.0  # a robot gets so far off its drive
-BEFORE_WALL = 0.98  # of the way: a landmark does not hide itself
-PIECE_M = 0.5  # of wall to each side of a landmark, through which nothing is seen
+REACHED_M = 1.0  # largest distance of a view from the robot's path
+BEFORE_WALL = 0.98  # of the line of sight: a landmark does not occlude itself
+PIECE_M = 0.5  # of wall on each side of a landmark, which occludes
 LEAST_BESIDE = 2
 LEAST_READ = 0.5  # probability
 MOST_ADVISED = 6
@@ -40,7 +40,7 @@ NO_SINGLE_VIEW = (
     "one more view does not help, because the landmarks around share the error; drive on from there until better "
     "known landmarks come into view again, or measure one there and give it as known (--known)"
 )
-WORTH = 0.7  # of a deviation is left, or the view is not worth the way
+WORTH = 0.7  # of the standard deviation at most remains, or the view is not worthwhile
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class NextView:
         id: the landmark.
         T_map_left: of the left camera.
         place_m, turn_rad: its standard deviations now.
-        distance_m, aside_deg: of the camera from it, and off its normal, to the right of someone who faces it.
+        distance_m, aside_deg: of the camera from it, and angle off its normal, to the right when facing it.
         beside: landmarks that should be in view, too.
         then_m, then_rad: its standard deviations after that view.
     """
@@ -78,7 +78,7 @@ class NextView:
 
 
 def next_view(landmark: MappedLandmark, bundle: Bundle, rig: AnyRig) -> NextView | None:
-    """The view that leaves least open of a landmark of a survey; None where none leaves much less."""
+    """The view that reduces the uncertainty of a landmark most; None if no view helps much."""
     cameras = bundle.poses.t
     now_m, now_rad = deviations(landmark)
     height = float(np.median(cameras[:, 2]))
@@ -116,12 +116,12 @@ def advise(survey: Survey, rig: AnyRig) -> dict[LandmarkId, str]:
 
 
 def _cost(view: NextView) -> tuple[bool, float]:
-    # With a single neighbor the view itself may stay ambiguous.  A radian counts as much as a meter.
+    # With a single neighbor the view itself may stay ambiguous.  A radian counts as a meter.
     return len(view.beside) < LEAST_BESIDE, view.then_m + view.then_rad
 
 
 def _looking(landmark: MappedLandmark, distance: float, aside_deg: float, pan_deg: float, height: float) -> Pose:
-    """T_map_left of a level camera at that place, panned off the landmark."""
+    """T_map_left of a level camera at that place, panned away from the landmark."""
     T, aside = landmark.T_map_landmark, np.deg2rad(aside_deg)
     toward = np.cos(aside) * T.R[:2, 2] + np.sin(aside) * T.R[:2, 0]
     toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
@@ -149,7 +149,7 @@ def _clear(side: FloatArray, places: FloatArray, along: FloatArray) -> BoolArray
 
 
 def _view(landmarks: LandmarkMap, rig: AnyRig, T_map_left: Pose) -> RigFrame:
-    """Detections of all cameras from there, with the covariance that their size gives."""
+    """Simulated detections of all cameras from there, with covariances by their size."""
     at_the_camera = replace(rig, T_base_left=Pose.identity("base", "left"))
     base = Pose("map", "base", T_map_left.R, T_map_left.t)
     cameras = look(landmarks, at_the_camera, base, 1e-3, np.random.default_rng(0))
@@ -167,7 +167,7 @@ def _as_measured(seen: Detection) -> Detection | None:
 def _afterwards(
     landmark: MappedLandmark, bundle: Bundle, rig: AnyRig, T_map_left: Pose, frame: RigFrame
 ) -> tuple[float, float]:
-    """The landmark's deviations once that view is added."""
+    """The landmark's standard deviations after adding that view."""
     ids = {o.id for o in frame.detections}
     mapped = list(bundle.landmarks)
     rows = [k for k, m in enumerate(mapped) if m.id in ids]

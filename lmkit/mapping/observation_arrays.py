@@ -25,11 +25,11 @@ class ObservationArrays:
     """Correspondences of landmarks by all cameras.
 
     Attributes:
-        at, of: (S,) frames and landmarks.
+        at, of: (S,) frame and landmark of each observation.
         rays, by_ray, whitener: (S,4,2), (S,4,2,2), (S,8,8) as of `CameraCorrespondences`.
         mount: (S,) which of the mounted cameras saw it.
         mounted_R, mounted_t: (K,3,3), (K,3) from the rig's left camera into mounted cameras: those of the rig, and
-            where they do not expose together, each of them at every frame.
+            if they do not expose together, one for each frame.
         mounted_camera: (K,) which camera of the rig each of those is.
     """
 
@@ -81,7 +81,7 @@ class ObservationArrays:
         )
 
     def only(self, frames: Sequence[int], landmarks: Sequence[int]) -> ObservationArrays:
-        """Observations in some frames of some landmarks, both numbered anew in the order given."""
+        """Observations in some frames of some landmarks, both renumbered in the given order."""
         at, of = (_renumbered(old, new) for old, new in ((self.at, frames), (self.of, landmarks)))
         kept = np.flatnonzero((at >= 0) & (of >= 0))
         return replace(
@@ -108,7 +108,7 @@ class ObservationArrays:
         """The observations from (N) rig poses of (L) landmarks, with corners ``arms`` (L,4,3) in their own frames.
 
         Args:
-            relations: the cameras as they are now; None: as in the rig file.
+            relations: current relative poses of the cameras; None: those of the rig file.
         """
         R, t = self.mounted_R, self.mounted_t
         if relations is not None:
@@ -163,7 +163,7 @@ class StoredObservations:
 
 
 class RecordedObservations:
-    """All observations of a recording, made arrays once; bundle adjustments of parts of it take theirs from here."""
+    """All observations of a recording as arrays; bundle adjustments of parts of it use subsets."""
 
     def __init__(self, frames: Sequence[RigFrame], rig: AnyRig) -> None:
         ids = sorted({o.id for frame in frames for o in frame.detections})
@@ -171,7 +171,7 @@ class RecordedObservations:
         self._all = ObservationArrays.collect(frames, rig, ids)
 
     def are_of(self, frames: Sequence[RigFrame], rig: AnyRig) -> bool:
-        """Are they those of this recording?"""
+        """Whether they are those of this recording."""
         return self._of[0] is frames and self._of[1] is rig
 
     def only(self, frames: Sequence[int], ids: Sequence[LandmarkId]) -> ObservationArrays:
@@ -180,7 +180,7 @@ class RecordedObservations:
 
 
 def _renumbered(numbers: IntArray, kept: Sequence[int]) -> IntArray:
-    """Each number's place in ``kept``; -1 for those that are not there."""
+    """Index of each number in ``kept``; -1 if it is not there."""
     table = np.full(max([-1, *kept, *numbers.max(initial=-1, keepdims=True).tolist()]) + 1, -1)
     table[list(kept)] = np.arange(len(kept))
     return np.asarray(table[numbers])

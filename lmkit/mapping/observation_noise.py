@@ -1,4 +1,4 @@
-"""Errors of observations against what they state, as the residuals of an adjustment show them."""
+"""Actual errors of observations relative to their stated covariances, from the residuals of an adjustment."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ MOST_ALIKE = 0.95  # correlation
 
 
 def noise_factor(problems: Sequence[BundleProblem]) -> float:
-    """Factor by which observations err more than they state, in variance; 1 at least.
+    """Factor of actual over stated variance of the observations; at least 1.
 
-    Errors of one landmark in consecutive images are alike on real cameras, since lenses, blur and light are.  N
-    observations whose neighbors correlate by rho count as N (1 - rho) / (1 + rho): a first-order autoregression.
+    On real cameras, errors of one landmark in consecutive images are correlated, since lens, blur and light are
+    similar.  N observations whose neighbors correlate by rho count as N (1 - rho) / (1 + rho): a first-order
+    autoregression.
     """
     squared, across, within = 0.0, 0.0, 0.0
     count = 0

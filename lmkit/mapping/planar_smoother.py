@@ -1,8 +1,8 @@
-"""A whole recording at once, in the plane: poses, what is wrong with the odometry, and, if wanted, the landmarks.
+"""Planar smoothing of a whole recording: poses, odometry errors and, optionally, landmarks.
 
 Least squares over all frames (batch smoothing; Dellaert and Kaess 2006), with Cauchy's loss on readings and on
-motions, so that neither a wrong code nor a slip can pull.  The recording is solved piece by piece, each started from
-where the last one ended: dead reckoning alone strays too far to start from.
+motions, so that neither a wrong code nor a slip biases it.  The recording is solved piece by piece, each started from
+the end of the previous one, because dead reckoning of the whole recording drifts too far.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from lmkit.optim.levenberg_marquardt import Damping, minimize
 from lmkit.optim.robust_loss import cauchy_cost, cauchy_weight
 
 DAMPING = Damping(most=1e6)
-SLIP_SIGMA = 10.0  # scale of the loss of motions: wheels err steadily, and rarely slip
-PIECE = 400  # frames taken up at once
+SLIP_SIGMA = 10.0  # scale of the loss of motions: wheels have steady errors and rare slips
+PIECE = 400  # frames added at once
 STEPS_A_PIECE, STEPS_AT_END = 4, 40
 CONVERGED = 1e-4
-ANYWHERE = 1e-3  # information of the first pose, 1/m^2 and 1/rad^2, where readings leave it open
-EXACT = 1e-12  # m^2: a landmark whose place is known exactly
+ANYWHERE = 1e-3  # information of the first pose, 1/m^2 and 1/rad^2, if readings do not determine it
+EXACT = 1e-12  # m^2: variance of an exact landmark
 ODOMETRY = len(PARAMETERS)
 OWN = ODOMETRY + 1  # of the shared unknowns, before the landmarks: the last is the scale of ranges
 
@@ -45,10 +45,10 @@ class PlanarTrack:
         states: (N,3) x, y (m), heading (rad).
         covariances: (N,3,3).
         parameters, parameter_sigmas: (6,) as ``motion.PARAMETERS``, and standard deviations.
-        range_scale: ranges as read over true ones, and its standard deviation.
+        range_scale: measured over true ranges, and its standard deviation.
         ids, places, place_covariances: (L), (L,2), (L,2,2) of the landmarks.
-        weights: (R,) of the readings, 1 for those believed, near 0 for outliers.
-        squared, nis_dof: (R,) their squared errors in standard deviations, and how many numbers each is of.
+        weights: (R,) of the readings, 1 for inliers, near 0 for outliers.
+        squared, nis_dof: (R,) their squared errors in standard deviations, and degrees of freedom.
         frames, landmarks: (R,) of the readings; landmarks as indices into ``ids``.
     """
 
@@ -89,12 +89,12 @@ def smooth_planar(
     landmarks: LandmarkMap | None,
     noise: ReadingNoise | None = None,
 ) -> PlanarTrack:
-    """The recording that readings and motion agree with best.
+    """Most likely poses for readings and motion.
 
     Args:
         times_s: (N,) of the frames, increasing.
         readings: of every frame; may be empty.
-        landmarks: the map, whose places move as far as its covariance allows; None: they are found, too, from the
+        landmarks: the map, whose places are refined within its covariance; None: they are estimated, too, from the
             first pose at (0, 0, 0).
     """
     noise = noise or DRIVE_NOISE
@@ -108,7 +108,7 @@ _Unknowns = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class PlanarProblem:
-    """One recording: readings, motion, and the unknowns as they stand; arguments as of :func:`smooth_planar`."""
+    """One recording: readings, motion, and current unknowns; arguments as for :func:`smooth_planar`."""
 
     def __init__(
         self,
@@ -139,7 +139,7 @@ class PlanarProblem:
         sigmas *= self._alike[:, None]
         self.readings = _Readings(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:], sigmas)
         self.places = np.full((len(ids), 2), np.nan)
-        # (L,2,2) what is known of them beforehand.
+        # (L,2,2) their prior.
         self.known = np.zeros((len(ids), 2, 2))
         mapped = [] if landmarks is None else [m for m in map(landmarks.find, ids) if m is not None]
         for k, m in enumerate(mapped):
@@ -151,10 +151,10 @@ class PlanarProblem:
         self.parameters = np.append(NOMINAL, 1.0)
         self.states: FloatArray = np.zeros((0, 3))
         self.own = OWN
-        self.holds_origin = landmarks is None  # the first pose stays
+        self.holds_origin = landmarks is None  # the first pose is fixed
 
     def take_up(self) -> None:
-        """Piece by piece to the end."""
+        """Solve piece by piece to the end."""
         count = len(self.times)
         self.states = np.array([self._start()])
         while len(self.states) < count:
@@ -166,7 +166,7 @@ class PlanarProblem:
             self._solve(STEPS_AT_END)
 
     def _expect_ranges(self) -> None:
-        """Take deviations of ranges at the expected ranges: else those read too short would count more."""
+        """Compute standard deviations at expected ranges: else ranges that are too short would get more weight."""
         seen, _, off = self._errors()
         expected = self.parameters[-1] * np.hypot(*off.T)
         sigmas = self.noise.range_sigma(expected) * self._alike
@@ -191,7 +191,7 @@ class PlanarProblem:
         return np.zeros(3)
 
     def _extend(self, count: int) -> None:
-        """More frames by motion, and the landmarks first seen there."""
+        """Add frames by dead reckoning, and the landmarks first seen there."""
         have = len(self.states)
         motions = self.motion.increments(self.times[have - 1 : count], self.parameters[:ODOMETRY]).motions
         self.states = np.concatenate([self.states, follow(self.states[-1], motions)[1:]])
@@ -209,7 +209,7 @@ class PlanarProblem:
             self.places[k] = np.median(points, axis=0)
 
     def _solve(self, steps: int) -> None:
-        """Levenberg and Marquardt from the unknowns as they stand."""
+        """Levenberg-Marquardt from the current unknowns."""
         start = (self.states, self.parameters, self.places)
         self._restore(minimize(self, start, steps, CONVERGED, DAMPING, least_share=CONVERGED).state)
 
@@ -224,15 +224,15 @@ class PlanarProblem:
         return tuple(self.ids)
 
     def own_state(self) -> tuple[FloatArray, ...]:
-        """States and the odometry's errors as they stand."""
+        """Snapshot of states and odometry errors."""
         return self.states, self.parameters
 
     def restore_own(self, state: tuple[FloatArray, ...]) -> None:
-        """Put states and the odometry's errors back."""
+        """Restore states and odometry errors."""
         self.states, self.parameters = state
 
     def own_moved(self, states: FloatArray, own: FloatArray) -> tuple[FloatArray, ...]:
-        """States and the odometry's errors moved by a step."""
+        """The snapshot after a step of states and odometry errors."""
         return self.states + states, self.parameters + own
 
     def landmark_poses(self) -> tuple[FloatArray, FloatArray]:
@@ -241,15 +241,15 @@ class PlanarProblem:
         return np.repeat(np.eye(3)[None], count, axis=0), np.column_stack([self.places, np.zeros(count)])
 
     def put_landmarks(self, R: FloatArray, p: FloatArray) -> None:
-        """Mount all landmarks elsewhere."""
+        """Set the places of all landmarks."""
         self.places = p[:, :2].copy()
 
     def equations(self) -> tuple[ChainEquations, float]:
-        """Normal equations and cost as all stands."""
+        """Normal equations and cost at the current state."""
         return self._equations()[:2]
 
     def lay(self, turn_rad: float, shift: FloatArray) -> None:
-        """Move states and landmarks by one rotation and shift, x -> R x + t."""
+        """Transform states and landmarks, x -> R x + t."""
         c, s = np.cos(turn_rad), np.sin(turn_rad)
         R = np.array([[c, -s], [s, c]])
         self.places = self.places @ R.T + shift
@@ -262,7 +262,7 @@ class PlanarProblem:
         return equations, cost
 
     def solve(self, equations: ChainEquations, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Steps of the states and of all that they share."""
+        """Steps of the states and of the shared unknowns."""
         return equations.solve(damping)
 
     def retract(self, state: _Unknowns, step: tuple[FloatArray, FloatArray]) -> _Unknowns:
@@ -281,7 +281,7 @@ class PlanarProblem:
             self.places = self.places + shared[OWN:].reshape(-1, 2)
 
     def _errors(self) -> tuple[_Readings, FloatArray, FloatArray]:
-        """Readings so far, their standardized errors (R,2), 0 where nothing was read, and where landmarks lie."""
+        """Readings so far, their standardized errors (R,2), 0 where not measured, and places of the landmarks."""
         seen = self.readings.first(len(self.states))
         at = self.states[seen.frames]
         off = self.places[seen.landmarks] - at[:, :2]
@@ -294,7 +294,7 @@ class PlanarProblem:
     def _motion_errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(N-1,3) standardized, their deviations, and derivatives of the motions with the parameters."""
         motions = self.motion.increments(self.times[: len(self.states)], self.parameters[:ODOMETRY])
-        # Noise in meters that the wheels count: else a smaller map, in which everything strays less, is likelier.
+        # Noise in meters as measured by the wheels: else a smaller map, with smaller deviations, is more likely.
         sigmas = motions.sigmas * [self.parameters[0], self.parameters[0], 1.0]
         return (motions.motions - between(self.states)) / sigmas, sigmas, motions.by_parameters
 
@@ -320,7 +320,7 @@ class PlanarProblem:
             unseen = np.isnan(self.places[:, 0]).repeat(2)
             equations.corner[OWN:, OWN:] += np.diag(np.where(unseen, 1.0, 1e-9))
             if self.holds_origin:
-                # Where the map lies is not seen.
+                # The pose of the map is not observed.
                 equations.diagonal[0] += 1e9 * np.eye(3)
             if self._map is not None:
                 self._add_map(equations)
@@ -391,7 +391,7 @@ class PlanarProblem:
 
 
 def _related(times_s: FloatArray, landmarks: FloatArray, related_s: float) -> FloatArray:
-    """(R,) how many readings of the same landmark lie around each: they err alike, and count as one."""
+    """(R,) number of readings of the same landmark around each: their errors are correlated, and count as one."""
     like = np.ones(len(times_s))
     for landmark in np.unique(landmarks):
         rows = np.flatnonzero(landmarks == landmark)

@@ -1,9 +1,9 @@
 """Pose ambiguity: a small square seen from one side has two poses (Collins and Bartoli 2014).
 
-Each landmark is turned over its viewing direction and fitted to its observations again, with the rig held fixed.  If
-the second pose explains them nearly as well, the whole recording is solved with it, and the better one stays.  If
-neither is clearly better, the ambiguity is reported, and the distance of the two enters the landmark's covariance.
-Seen nearly head-on, the two poses are the ends of one flat valley, in which the solution stops between them or at
+Each landmark is reflected about its viewing direction and fitted to its observations again, with fixed rig poses.  If
+the second pose explains them nearly as well, the whole recording is solved with it, and the better one is kept.  If
+neither is clearly better, the ambiguity is reported, and the landmark's covariance includes the distance of the two.
+Seen nearly head-on, the two poses are the ends of one flat valley of the cost; the solution stops between them or at
 either end: that is ambiguous as well.
 """
 
@@ -17,7 +17,7 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
 from lmkit.mapping.bundle_adjustment import BundleProblem, State
 
-HOPEFUL = 30.0  # of a second pose's cost above the landmark's, while the rig keeps to the landmark
+HOPEFUL = 30.0  # excess cost of a second pose, with fixed rig poses
 MOST_TRIED = 8
 FITTING, SETTLING = 8, 12  # steps
 SURE = 10.0  # of the cost, twice the log likelihood ratio
@@ -25,10 +25,10 @@ DIFFERENT_RAD = 0.1
 
 
 def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
-    """Put second poses in place that explain the recording better.
+    """Replace poses by second poses that explain the recording better.
 
     Returns:
-        By row, (6,6) what is to be added to the covariance of landmarks whose ambiguity is not resolved.
+        (6,6) to add to the covariance of landmarks whose ambiguity is not resolved, by row.
     """
     undecided: dict[int, FloatArray] = {}
     own, alternatives, R, p = _fitted_alternatives(problem)
@@ -45,7 +45,7 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
         there = problem.optimize(SETTLING, until=is_back)
         settled = _apart(problem.lm_R[k], problem.lm_p[k], before.lm_R[k], before.lm_p[k])
         if is_back(problem.state()):
-            # Back where it was: what is left is how flat the way there is.
+            # It returned to the first pose: only the flatness of the valley matters.
             problem.restore(before)
             apart, worth = off, float(worse[k])
         else:
@@ -60,17 +60,17 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
 
 
 def _apart(R: FloatArray, p: FloatArray, R_other: FloatArray, p_other: FloatArray) -> FloatArray:
-    """(6,) from one pose to another: place (m), turn about the map's axes (rad)."""
+    """(6,) from one pose to another: shift (m), rotation about the map's axes (rad)."""
     return np.concatenate([p - p_other, rotation_log(R @ R_other.T)])
 
 
 def _is_turned_back(R: FloatArray, k: int, state: State) -> bool:
-    """True where landmark k is turned as before, R (3,3): it is no second pose, however the adjustment goes on."""
+    """Whether landmark k has returned to its rotation R (3,3), so that it will not reach a second pose."""
     return rotation_angle(state.lm_R[k] @ R.T) < DIFFERENT_RAD
 
 
 def _spread(apart: FloatArray, worse: float) -> FloatArray:
-    """(6,6) second frame, about the likelier of two poses, of being the other one now and then."""
+    """(6,6) mean square about the more likely pose, for the probability of the other one."""
     share = 1 / (1 + np.exp(worse / 2))
     return np.asarray(share * np.outer(apart, apart))
 

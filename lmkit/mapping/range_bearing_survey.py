@@ -24,7 +24,7 @@ from lmkit.odometry.wheel_odometry import MotionModel
 ReadingFrames = Sequence[tuple[float, Sequence[RangeBearing]]]
 
 
-UNSEEN_M, UNSEEN_RAD = 1.0, 1.0  # heights and directions that ranges and bearings do not show
+UNSEEN_M, UNSEEN_RAD = 1.0, 1.0  # heights and directions, which ranges and bearings do not determine
 
 
 def survey_readings(
@@ -32,8 +32,8 @@ def survey_readings(
 ) -> tuple[LandmarkMap, TrackedTrajectory]:
     """Survey landmarks from ranges and bearings alone; the map's origin is the robot's first pose.
 
-    Heights and directions are not observed: landmarks are put at height 0, facing the middle of the recording, with
-    covariances that say so.
+    Heights and directions are not observed: landmarks are put at height 0, facing the center of the recording, with
+    large covariances.
     """
     times, motion = np.array([time_s for time_s, _ in frames]), MotionModel(odometry, gyro)
     motion.require_overlap(times)
@@ -72,7 +72,7 @@ def planar_trajectory(times_s: FloatArray, poses: Sequence[Pose], covariances: F
 
 
 def planar_map_dict(landmarks: LandmarkMap, frames: int, output: Path) -> dict[str, Any]:
-    """The result as docs/formats.md has it.
+    """The JSON result (docs/formats.md).
 
     Args:
         frames: number of times at which there were readings.

@@ -1,8 +1,8 @@
-"""How steadily a landmark is read while it is in view: a print that only looks like a landmark is read now and then.
+"""Reading rate of a landmark while it is in view: a print that only resembles a landmark is read in few frames.
 
-Its place is as firm as that of a landmark, so that no parallax tells one from the other.  But landmarks that are
-large and not slanted are read in nearly all frames.  So the frames next to those in which a landmark was read are
-asked.  What stands before it for a while does not matter, since that hides it from many frames in a row.
+Such a print has a fixed place, so parallax does not distinguish it from a landmark.  But landmarks that are
+large and not slanted are read in nearly all frames.  So the frames just before and after each reading are
+tested.  A temporary occlusion does not matter, since it hides the landmark in many consecutive frames.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 
 NEIGHBORS = np.array([-4, -3, -2, -1, 1, 2, 3, 4])  # frames beside one in which it was read
-SURELY = 0.9  # probability at which a landmark counts as one that should be read
+SURELY = 0.9  # least probability of reading for a landmark that should be read
 NEAREST_M = 0.05
 WIDEST = 0.75  # of the image's size over the focal length: beyond, lenses fold back into the image
 
@@ -34,7 +34,7 @@ class LocatedFrames:
         times_s: (N,).
         poses: (N) T_map_left.
         rig: that took them.
-        looked: (N,C) cameras that read anything.
+        looked: (N,C) cameras that read any landmark.
         read: frames in which an observation fits each landmark.
     """
 
@@ -65,7 +65,7 @@ class LocatedFrames:
         return frames, np.isin(frames, own)
 
     def readable(self, landmark: MappedLandmark, frames: IntArray) -> BoolArray:
-        """(K,) in which frames a camera shows a landmark so that it is read nearly always."""
+        """(K,) frames in which a camera sees a landmark well enough that it should be read."""
         answer = np.zeros(len(frames), dtype=bool)
         in_rig = (landmark.corners_map - self.poses.t[frames, None]) @ self.poses.R[frames]
         normal = landmark.T_map_landmark.R[:, 2] @ self.poses.R[frames]
@@ -87,7 +87,7 @@ class LocatedFrames:
 
 
 def neighbors_read(landmark: MappedLandmark, recordings: Iterable[LocatedFrames]) -> tuple[int, int]:
-    """How many frames next to a reading of a landmark should read it as well, and how many do; each counts once."""
+    """Number of frames next to readings of a landmark that should read it, and number that do; each counts once."""
     expected = read = 0
     for recording in recordings:
         frames, is_read = recording.beside(landmark.id)

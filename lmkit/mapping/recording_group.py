@@ -1,4 +1,4 @@
-"""Recordings that are joined into one map: which landmark of which recording is which landmark of the map."""
+"""Recordings that are joined into one map, with the association of their landmarks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.mapping.survey_results import Survey
 from lmkit.model.landmark_id import LandmarkId
 
-ALWAYS = 10.0  # m, rad: deviations of what a recording does not determine at all
+ALWAYS = 10.0  # m, rad: standard deviations of undetermined components
 Member = tuple[int, int]  # recording, and row among its landmarks
 
 
@@ -27,8 +27,8 @@ class LoneSurvey:
         rig: that took it.
         solved: its bundle adjustment.
         survey: the results of that.
-        anchored: it saw landmarks that were known beforehand, so that it lies in the map's frame already.
-        released: known landmarks that it saw elsewhere.
+        anchored: it saw known landmarks, so it is in the map's frame already.
+        released: known landmarks that it saw at other places.
     """
 
     name: str
@@ -39,7 +39,7 @@ class LoneSurvey:
     released: frozenset[LandmarkId] = frozenset()
 
     def lone_map(self) -> tuple[LoneMap, IntArray]:
-        """Its landmarks that are believed, and their rows in the bundle adjustment."""
+        """Its reliable landmarks, and their rows in the bundle adjustment."""
         problem = self.solved.problem
         number = {id_: row for row, id_ in enumerate(problem.landmark_ids)}
         mapped = list(self.survey.bundle.landmarks)
@@ -54,11 +54,11 @@ class LoneSurvey:
 
 @dataclass(eq=False)
 class Version:
-    """A landmark of the joint map: one code, as mounted for a while.
+    """A landmark of the joint map: one code at one place, for some time.
 
     Attributes:
         id: family and code; several versions may have the same.
-        members: the recordings that saw it so.
+        members: the recordings that saw it there.
         R, p: its pose.
     """
 
@@ -75,12 +75,12 @@ class Version:
 
 @dataclass(eq=False)
 class RecordingGroup:
-    """Recordings laid into one frame, and the landmarks that they share.
+    """Recordings aligned in one frame, and the landmarks that they share.
 
     Attributes:
         lone: the recordings.
         versions: the landmarks of the joint map.
-        turned: numbers of versions that recordings see in one place, but turned.
+        turned: numbers of versions that recordings see at one place with different rotations.
         left_out: names of recordings that do not fit, and why.
     """
 
@@ -99,10 +99,10 @@ class RecordingGroup:
 
 
 def join_recordings(lone: Sequence[LoneSurvey]) -> RecordingGroup:
-    """Lay recordings into the frame of one of them, so that most of them fit.
+    """Align recordings in the frame of one of them, so that most of them fit.
 
-    Recordings that lie in the frame of known landmarks are the first.  The poses and landmarks of the others' bundle
-    adjustments are moved.
+    Recordings in the frame of known landmarks come first.  The poses and landmarks of the others' bundle
+    adjustments are transformed.
     """
     anchored = [k for k, one in enumerate(lone) if one.anchored]
     best: tuple[dict[int, _Laid], dict[int, str]] | None = None
@@ -118,7 +118,7 @@ def join_recordings(lone: Sequence[LoneSurvey]) -> RecordingGroup:
 
 @dataclass(frozen=True, eq=False)
 class _Laid:
-    """How a recording lies, and which of the landmarks there its own ones are."""
+    """Alignment of a recording, and the association of its landmarks."""
 
     R: FloatArray
     t: FloatArray
@@ -127,7 +127,7 @@ class _Laid:
 
 
 def _grow(lone: Sequence[LoneSurvey], first: Sequence[int]) -> tuple[dict[int, _Laid], dict[int, str]]:
-    """Recordings laid one after another, the best connected first, and reasons for those that are not."""
+    """Recordings aligned one after another, the best connected first, and reasons for those that are not."""
     maps = [one.lone_map()[0] for one in lone]
     together, none = _subset(maps[first[0]], []), np.zeros((6, 6))
     laid: dict[int, _Laid] = {}
@@ -175,7 +175,7 @@ def _grouped(lone: Sequence[LoneSurvey], laid: Mapping[int, _Laid], reasons: Map
     number = {k: new for new, k in enumerate(kept)}
     versions: dict[int, Version] = {}
     turned: set[int] = set()
-    for k in laid:  # in the order in which they were laid: who came first says where a landmark starts
+    for k in laid:  # in the order of alignment: the first one gives the initial pose of a landmark
         problem = lone[k].solved.problem
         problem.lay(laid[k].R, laid[k].t)
         _, rows = lone[k].lone_map()
@@ -194,7 +194,7 @@ def _grouped(lone: Sequence[LoneSurvey], laid: Mapping[int, _Laid], reasons: Map
 
 
 def _place_the_rest(group: RecordingGroup) -> None:
-    """Landmarks that a recording saw but does not believe are those of the others, or their own."""
+    """Associate the unreliable landmarks of recordings with those of the others, or add them as new ones."""
     for recording, rows in enumerate(group.rows()):
         problem = group.lone[recording].solved.problem
         for row in np.flatnonzero(rows < 0).tolist():

@@ -1,4 +1,4 @@
-"""The place at which observations that contradict a landmark have it: its code is mounted twice, or it was moved."""
+"""Place of a landmark according to its contradicting observations: its code is mounted twice, or it was moved."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def with_second_places(
     rig: AnyRig,
     sizes_m: Mapping[LandmarkId, float],
 ) -> tuple[ContradictedLandmark, ...]:
-    """The landmarks, each with the place at which the contradicting observations have it, if they agree on one.
+    """The landmarks, each with the place on which its contradicting observations agree, if they do.
 
     Args:
         outlier_sigma: residual above which an observation contradicts.
@@ -52,7 +52,7 @@ def with_second_places(
 def _place(
     id_: LandmarkId, frame: RigFrame, T_map_left: Pose, rig: AnyRig, sizes_m: Mapping[LandmarkId, float]
 ) -> FloatArray | None:
-    """(3,) center of the landmark in the map by one frame alone."""
+    """(3,) center of the landmark in the map, from one frame alone."""
     seen = tuple(tuple(o for o in camera if o.id == id_) for camera in frame.seen)
     alone = LandmarkMap([MappedLandmark(id_, sizes_m[id_], Pose.identity("map", "landmark"))])
     poses = possible_poses(seen, rig, alone)

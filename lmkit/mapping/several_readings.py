@@ -1,7 +1,7 @@
 """One planar map from several recordings of ranges and bearings: `survey_readings` of each, joined and adjusted.
 
-Each recording is surveyed alone, laid onto those before it by the landmarks that they share, and all are adjusted
-together by summing their information on landmarks (`joint_adjustment.py`).
+Each recording is surveyed alone and aligned with the previous ones by shared landmarks, and all are adjusted
+jointly by summing their information on landmarks (`joint_adjustment.py`).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def survey_readings_together(recordings: Mapping[str, Recording], size_m: float)
 
     Args:
         recordings: by name, with readings and wheel odometry.
-        size_m: of the landmarks, meters; ranges do not show it.
+        size_m: of the landmarks, meters; ranges do not determine it.
 
     Raises:
         InputError: no recordings, or one without readings or wheel odometry.
@@ -94,7 +94,7 @@ def _surveyed(name: str, recording: Recording) -> PlanarProblem:
 
 
 def _joined(problems: Mapping[str, PlanarProblem]) -> list[str]:
-    """Names of the recordings that could be laid onto each other, the one with most landmarks first."""
+    """Names of the recordings that could be aligned, the one with most landmarks first."""
     left = sorted(problems, key=lambda name: -len(problems[name].ids))
     joined = [left.pop(0)]
     known = dict(zip(problems[joined[0]].ids, problems[joined[0]].places, strict=True))
@@ -115,7 +115,7 @@ def _joined(problems: Mapping[str, PlanarProblem]) -> list[str]:
 def _laid(
     ids: Sequence[LandmarkId], places: FloatArray, known: Mapping[LandmarkId, FloatArray]
 ) -> tuple[float, FloatArray] | None:
-    """Rotation (rad) and shift (m) onto known landmarks: the one that most shared landmarks agree with."""
+    """Rotation (rad) and shift (m) onto known landmarks, on which most shared landmarks agree."""
     rows = [k for k, id_ in enumerate(ids) if id_ in known]
     if len(rows) < LEAST_SHARED:
         return None
@@ -136,7 +136,7 @@ def _moved(points: FloatArray, turn: float, shift: FloatArray) -> FloatArray:
 
 
 def _fitted(a: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:
-    """Rotation and shift that lay points a (K,2) onto b best."""
+    """Rotation and shift that align points a (K,2) with b best."""
     p, q = a - a.mean(axis=0), b - b.mean(axis=0)
     turn = float(np.arctan2((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum(), (p * q).sum()))
     return turn, b.mean(axis=0) - _moved(a.mean(axis=0)[None], turn, np.zeros(2))[0]

@@ -1,6 +1,6 @@
 """`survey_recordings`: one map from several recordings of one place.
 
-1. Each recording is surveyed alone (`survey.py`), and laid over the others by shared landmarks
+1. Each recording is surveyed alone (`survey.py`), and aligned with the others by shared landmarks
    (`recording_group.py`).
 2. Joint adjustment of all, with landmarks that were moved split in two (`joint_solver.py`).
 3. A recording in which most shared landmarks are elsewhere does not fit: it is left out, and all is done again.
@@ -37,7 +37,7 @@ class NamedRecording:
     """A recording to survey with others.
 
     Attributes:
-        name: what messages call it.
+        name: its name in messages.
         frames: in the order of time.
         rig: that took them.
         motion: its odometry, if any.
@@ -51,7 +51,7 @@ class NamedRecording:
 
 @dataclass(frozen=True, eq=False)
 class _Beforehand:
-    """Knowledge before any recording: sizes, landmarks, walls."""
+    """Prior knowledge: sizes, known landmarks, walls."""
 
     sizes_m: Mapping[LandmarkId, float]
     anchors: Mapping[LandmarkId, Anchor]
@@ -88,9 +88,9 @@ def survey_recordings(
 
 
 def repeated_recordings(recordings: Sequence[NamedRecording]) -> dict[str, str]:
-    """Names of recordings that show what one before them shows, to the last bit, and a clause for each.
+    """Names of recordings that equal an earlier one to the last bit, and a clause for each.
 
-    Counted twice, the same images would make a map surer than it is.
+    If the same images were counted twice, covariances would be too small.
     """
     first: dict[bytes, str] = {}
     again = {}

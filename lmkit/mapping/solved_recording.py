@@ -17,9 +17,9 @@ class SolvedRecording:
     Attributes:
         start: frames and landmarks that take part.
         problem: the observations, and the unknowns at their optimum.
-        undecided: by row, (6,6) to be added to the covariance of landmarks whose pose is ambiguous.
-        frames: how many were given.
-        odometry: names of the odometry's errors that are solved for.
+        undecided: (6,6) to add to the covariance of landmarks whose pose is ambiguous, by row.
+        frames: number of given frames.
+        odometry: names of the estimated odometry errors.
     """
 
     start: Start

@@ -1,7 +1,7 @@
 """Normal equations of all unknowns of a recording, those of each landmark's face among them.
 
-While a map is adjusted, faces are as large as they seem; the step that finds their swelling, and what is stated, are
-by these equations.  Face and pose of a landmark are one group of unknowns, so that the border keeps its blocks.
+During the adjustment, the swelling of faces is fixed.  The step that estimates it, and the stated covariances, use
+these equations.  Face and pose of a landmark are one group of unknowns, so that the border keeps its blocks.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lmkit.optim.border_blocks import BlockPattern, BorderBlocks
 
 @dataclass(frozen=True, eq=False)
 class LandmarkEquations:
-    """Equations of the landmarks' poses that remain once all else is eliminated.
+    """Equations of the landmarks' poses after elimination of all other unknowns.
 
     Attributes:
         information, gradient: (k,k), (k,).
@@ -45,12 +45,12 @@ class StatedEquations:
 
     @classmethod
     def of(cls, held: ChainEquations, sums: FaceSums, pattern: BlockPattern, own: int) -> StatedEquations:
-        """Equations of everything.
+        """Equations of all unknowns.
 
         Args:
             held: those that hold faces and their common swelling, which are the last two of the first ``own`` shared
                 unknowns.  Landmarks have none where they do not move.
-            sums: what observations say of the faces.
+            sums: information of the observations on the faces.
             pattern: the blocks of ``sums``.
         """
         size = 0 if held.blocks is None else 6
@@ -79,7 +79,7 @@ class StatedEquations:
         return cls(chain, places, faces)
 
     def know_faces(self, swelling: FloatArray, sigmas_px: FloatArray) -> None:
-        """Add what is known of faces that stand at a swelling (L,2), px: 0, with standard deviations (L,)."""
+        """Add the prior of the swelling (L,2), px, of faces: 0, with standard deviations (L,)."""
         information = sigmas_px[:, None] ** -2
         self.chain.corner[self.faces, self.faces] += information
         self.chain.shared_gradient[self.faces] -= swelling * information

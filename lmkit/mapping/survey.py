@@ -1,10 +1,10 @@
 """`survey_frames`: the landmark map from a recording.
 
-1. Initialization (`initialization.py`): poses and landmarks found one from the other.
+1. Initialization (`initialization.py`): frames and landmarks are located in turn.
 2. Bundle adjustment (`bundle_adjustment.py`): outliers are left out, and odometry is weighted by how well it agrees
-   with the observations; frames and landmarks left over are tried once more with the resulting map.
+   with the observations; remaining frames and landmarks are tried again with the resulting map.
 3. The second pose of every landmark is tried (`pose_ambiguity.py`).
-4. A known landmark that was moved since is found where the recording has it (`known_survey.py`).
+4. Known landmarks that were moved are placed from the recording (`known_survey.py`).
 5. Warnings: landmarks that part of the recording contradicts, that have an ambiguous pose, that are off their
    constraints (`wall_constraints.py`), or that are poorly determined.
 """
@@ -108,7 +108,7 @@ def _without_doubtful(result: Survey, seen: LocatedFrames, known: Collection[Lan
 def moved_since_known(
     result: Survey, anchors: Mapping[LandmarkId, Anchor], released: Collection[LandmarkId]
 ) -> tuple[MovedLandmark, ...]:
-    """From where known landmarks stood to where the recording has them.
+    """Moves of known landmarks, from their known places to their places in the recording.
 
     Args:
         anchors: as they were known.
@@ -139,10 +139,10 @@ def solve_recording(
     problem = start.problem(frames, rig, motion, constraints)
     optimize_all(problem)
     if start.unplaced or None in start.poses:
-        # By the map as it is now more may be located and placed than while it grew.
+        # With the final map, more frames and landmarks may be located than during initialization.
         again = start_of(frames, rig, sizes_m, _start_anchors(start, problem), motion)
         if len(again.rows) > len(start.rows) or len(again.unplaced) < len(start.unplaced):
-            # What is known beforehand is still that alone.
+            # The anchors are unchanged.
             start = replace(again, anchors=start.anchors)
             problem = start.problem(frames, rig, motion, constraints)
             optimize_all(problem)
@@ -165,7 +165,7 @@ def start_of(
     anchors: Mapping[LandmarkId, Anchor],
     motion: Motion | None = None,
 ) -> Start:
-    """Initialization as of `find_start`; of cameras that do not expose together, each is located for itself first."""
+    """Initialization (`find_start`); cameras that do not expose together are first located separately."""
     if are_synchronous(frames, rig):
         return find_start(frames, rig, sizes_m, anchors, motion)
     split, alike = split_by_exposure(frames, rig), synchronous(rig)
@@ -189,13 +189,13 @@ def survey_of(
     """The results of a solved recording.
 
     Args:
-        anchors: landmarks known beforehand; those that the recording did not see stay in the map as they were.
-        known: (6L,6L) information on the landmarks from elsewhere, such as other recordings.
+        anchors: landmarks known beforehand; those that the recording did not see are kept in the map unchanged.
+        known: (6L,6L) information on the landmarks from other sources, such as other recordings.
     """
     start, problem = solved.start, solved.problem
     bundle = problem.answer(OUTLIER_SIGMA, solved.undecided, known, noise_factor([problem]))
     mapped = {m.id for m in problem.mapped}
-    # A landmark that is mounted where none of its observations has it was started wrong.
+    # A landmark at a place that none of its observations supports had a wrong initial pose.
     fitting = bundle.of[bundle.residuals < OUTLIER_SIGMA].tolist()
     believed = {bundle.ids[k] for k in fitting} | set(start.anchors)
     lost = [m for m in bundle.landmarks if m.id not in believed]
@@ -227,7 +227,7 @@ def survey_of(
 
 
 def _lay_on_the_floor(problem: BundleProblem) -> None:
-    """On wheels a robot stands upright on z = 0, on the whole."""
+    """Align the map with the floor: with wheels, the robot is upright on z = 0 on average."""
     R, p = problem.base_poses()
     up = R[:, :, 2].mean(axis=0)
     turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
@@ -235,14 +235,14 @@ def _lay_on_the_floor(problem: BundleProblem) -> None:
 
 
 def _start_anchors(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anchor]:
-    """Landmarks as they are known now, those that nothing saw among them."""
+    """Current poses of the landmarks, including anchors without observations."""
     found = {m.id: m for m in problem.landmarks()}
     return {key: Anchor(found.get(key, m), None) for key, m in start.placed.items()}
 
 
 def optimize_all(problem: BundleProblem) -> None:
-    """Bundle adjustment to the end, observations that do not fit left out."""
-    # Wheels rarely slip by much; were they allowed to at once, they would for a landmark that was moved.
+    """Bundle adjustment to convergence, without outlier observations."""
+    # Large slips are rare; if they were allowed from the start, a moved landmark would be explained by a slip.
     problem.slip_sigma = NEVER
     problem.carry()
     problem.optimize(STEPS)
@@ -309,7 +309,7 @@ def landmarks_off_constraint(
     for constraint in constraints:
         members = [k for k, m in enumerate(mapped) if m.id in constraint.ids]
         if len(members) < 3:
-            continue  # of two nobody knows which is off
+            continue  # with two landmarks, the wrong one is unknown
         for k, off, standardized in zip(members, *strays(constraint, members, R, p, joint), strict=True):
             if standardized > OFF_CONSTRAINT_SIGMA:
                 found.append((mapped[k].id, constraint, float(off)))

@@ -24,7 +24,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.motion_model import Motion, describe_odometry
 from lmkit.units import counted
 
-HINGED_FRAMES = 5  # fewer that share one landmark only with the rest are not named
+HINGED_FRAMES = 5  # smaller groups of frames connected by one landmark are not named
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class ContradictedLandmark:
     """A landmark that part of its observations contradict.
 
     Attributes:
-        off, observations: how many of its observations do not fit.
-        from_s, to_s: when those were.
-        place: x, y, z (m) at which those have it, in the map; None where they do not agree.
+        off, observations: number of its outliers, and of all its observations.
+        from_s, to_s: first and last time of these.
+        place: x, y, z (m) in the map according to the outliers; None if they do not agree.
     """
 
     id: LandmarkId
@@ -60,21 +60,21 @@ class Survey:
 
     Attributes:
         bundle: poses, landmarks seen, parameters.
-        landmarks: those, and known ones that the recording did not see, as they were.
+        landmarks: those, and known ones that the recording did not see, unchanged.
         rows: (N,) which of the frames given have a pose.
         contradicted: landmarks contradicted by part of their observations.
         poorly_determined: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
-        unplaced: landmarks that were seen, but not well enough to be placed.
+        unplaced: landmarks that were seen but could not be placed.
         dropped: observations left out.
         ambiguous: landmarks whose two poses explain the observations almost equally well.
         off_constraint: landmarks off their constraints, with the constraint and the distance (m).
         warnings: what a user should check, in words.
-        frames: how many frames were given.
+        frames: number of given frames.
         odometry, odometry_sigmas: errors of the odometry and gyro that were solved for, by name, and their
             standard deviations.
         moved: known landmarks that were moved since; `landmarks.past` has them as they were.
         disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
-        kept_out: codes that were read, and are not believed to be landmarks.
+        kept_out: doubtful codes that were left out of the map.
     """
 
     bundle: Bundle
@@ -154,21 +154,21 @@ def _contradicted_dict(c: ContradictedLandmark) -> dict[str, Any]:
 
 
 def deviations(landmark: MappedLandmark) -> tuple[float, float]:
-    """Standard deviation of a landmark's place (m, all axes together) and of its worst turn (rad)."""
+    """Standard deviation of a landmark's position (m, all axes together) and largest of its rotation (rad)."""
     C = landmark.covariance
     if C is None:
         return 0.0, 0.0
-    # What is not determined at all may come out negative; its size is as telling.
+    # An undetermined variance may be negative by rounding; its size is meaningful.
     return float(np.sqrt(abs(np.trace(C[:3, :3])))), float(np.sqrt(abs(np.linalg.eigvalsh(C[3:, 3:])[-1])))
 
 
 @dataclass(frozen=True)
 class Hinge:
-    """A landmark by which alone frames are joined to the others.
+    """A landmark that is the only connection of some frames to the others.
 
     Attributes:
-        frames: so many, the fewer.
-        from_s, to_s: when those were.
+        frames: number of frames in the smaller part.
+        from_s, to_s: first and last time of these.
     """
 
     id: LandmarkId
@@ -193,7 +193,7 @@ def hinges_of(bundle: Bundle) -> list[Hinge]:
         links = (np.ones(kept.sum()), (bundle.frames[kept], count + bundle.of[kept]))
         graph = coo_matrix(links, shape=(count + len(bundle.ids),) * 2)
         _, part = connected_components(graph, directed=False)
-        # Frames that saw nothing else are single ones, and no part of their own.
+        # Frames that saw no other landmark are single nodes, not a part.
         sizes = np.bincount(part[:count])
         large = np.flatnonzero(sizes >= HINGED_FRAMES)
         if len(large) > 1:
@@ -218,7 +218,7 @@ def jump_landmarks(bundle: Bundle, from_s: float, to_s: float) -> str:
 
 
 def kept_out_texts(kept_out: Sequence[KeptOut], frames: int) -> list[str]:
-    """Codes that are kept out of the map, one sentence each; of a recording of one frame, one sentence for all."""
+    """Codes that are kept out of the map, one sentence each; for a recording of one frame, one sentence for all."""
     if frames > 1 or not kept_out:
         return [str(one) for one in kept_out]
     return [
@@ -269,7 +269,7 @@ def survey_warnings(
 
 
 def _poorly_known(result: Survey, advice: Mapping[LandmarkId, str]) -> list[str]:
-    """Landmarks with large deviations; those with the same advice in one sentence."""
+    """Landmarks with large standard deviations; those with the same advice in one sentence."""
     by_advice: dict[str, list[str]] = {}
     for code, place, turn in result.poorly_determined:
         known = f"{code} has standard deviations of {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg"

@@ -1,7 +1,7 @@
 """Constraints declared beforehand: landmarks that share one flat wall, or one height.
 
-Deviations from a common plane of which only the spread s is known are, with the plane left free, the same as
-deviations of all pairs of n landmarks from each other with the spread s sqrt(n): so no plane is estimated.
+Deviations with standard deviation s from an unknown common plane are equivalent to
+deviations of all pairs of n landmarks from each other with s sqrt(n): so no plane is estimated.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class LandmarkConstraint:
     Attributes:
         kind: ``wall`` (one plane, one direction) or ``height``.
         ids: two landmarks or more.
-        sigma_m, sigma_rad: how far they stray, out of the plane or in height, and off its normal.
+        sigma_m, sigma_rad: standard deviations, out of the plane or in height, and off its normal.
     """
 
     kind: str
@@ -93,7 +93,7 @@ def constraint_rows(
     """Residual rows of a constraint for landmarks as they are mounted.
 
     Args:
-        members: rows of the tie's landmarks in ``R`` (L,3,3) and ``p`` (L,3), of T_map_landmark.
+        members: rows of the constraint's landmarks in ``R`` (L,3,3) and ``p`` (L,3), of T_map_landmark.
     """
     spread = np.sqrt(len(members))
     residuals: list[float] = []
@@ -124,10 +124,10 @@ def constraint_rows(
 def strays(
     constraint: LandmarkConstraint, members: Sequence[int], R: FloatArray, p: FloatArray, joint: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """How far each landmark is off what most of the others say: (n,) meters, and the same in standard deviations.
+    """Deviation of each landmark from most of the others: (n,) meters, and in standard deviations.
 
     Args:
-        joint: (6L,6L) covariance of all landmarks: what all err by together puts none off another.
+        joint: (6L,6L) covariance of all landmarks; their common errors cancel in the differences.
     """
     C = joint.reshape(len(p), 6, len(p), 6)
     off, standardized = np.zeros(len(members)), np.zeros(len(members))

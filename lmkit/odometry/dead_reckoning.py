@@ -1,4 +1,4 @@
-"""Odometry carries the rig from frames where it is known to others, and says which poses it allows there."""
+"""Dead reckoning from located frames to others, with the uncertainty of the predicted poses."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_angle
 from lmkit.odometry.motion_model import Motion
 
-# Odometry strays by so much, and by that share of the way; a frame located farther off saw a landmark that is mounted
-# twice, was moved or misread.
+# Error of odometry: a constant, and a share of the distance; a frame located farther off saw a landmark that is
+# mounted twice, was moved or misread.
 STRAY_M, STRAY_RAD, STRAY_SHARE = 0.3, 0.15, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ReckonedPose:
-    """A pose carried on by odometry, over so much of a way (turns count, too)."""
+    """A pose by dead reckoning, and the distance traveled to it (rotations count, too)."""
 
     pose: Pose
     way_m: float
 
     def allows(self, pose: Pose) -> bool:
-        """May the rig be there?"""
+        """Whether a pose agrees with dead reckoning, within its error."""
         stray = STRAY_SHARE * self.way_m
         turned = rotation_angle(pose.R.T @ self.pose.R)
         return bool(np.linalg.norm(pose.t - self.pose.t) < STRAY_M + stray and turned < STRAY_RAD + stray)
@@ -34,12 +34,12 @@ class ReckonedPose:
 
 @dataclass(frozen=True, eq=False)
 class OdometryPath:
-    """The left camera's way as odometry alone tells it.
+    """Path of the left camera from odometry alone.
 
     Attributes:
         R, t: (N,3,3), (N,3) T_left(0)_left(k).
-        way_m: (N,) traveled up to each frame, turns counted, too.
-        stretch: (N,) how many gaps of odometry lie before it.
+        way_m: (N,) distance traveled up to each frame, including rotations.
+        stretch: (N,) number of odometry gaps before it.
     """
 
     R: FloatArray
@@ -60,7 +60,7 @@ class OdometryPath:
         return cls(R, t, np.append(0.0, np.cumsum(way)), np.append(0, np.cumsum(~steps.known)))
 
     def reckon(self, pose: Pose, at: int, to: int) -> ReckonedPose | None:
-        """The pose of one frame carried on to another; None over a gap."""
+        """Dead reckoning from the pose of one frame to another; None over a gap."""
         if self.stretch[at] != self.stretch[to]:
             return None
         back = pose.R @ self.R[at].T
@@ -73,10 +73,10 @@ class ReckonedPoses:
 
     Args:
         poses: (N) of the frames, as they are now.
-        path: None without odometry: nothing is carried.
+        path: None without odometry: no dead reckoning.
 
     Attributes:
-        way_m: (N,) over how much of a way; infinite where nothing is carried.
+        way_m: (N,) distance of the dead reckoning; infinite without.
     """
 
     def __init__(self, poses: Sequence[Pose | None], path: OdometryPath | None) -> None:

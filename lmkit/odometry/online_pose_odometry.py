@@ -1,7 +1,7 @@
-"""Poses of odometry for filters: the last rows, and how they moved between two times.
+"""Poses of odometry for filters: the last rows, and the motion between two times.
 
-The same motion as of `pose_odometry.py`, for the few rows around two times in place of a whole recording: each row is
-turned into a rotation once, when it comes, and a step looks up two places between rows.
+The motion equals that of `pose_odometry.py`, but uses only the few rows around two times: each row is
+converted to a rotation once, when it arrives, and a step interpolates two poses.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lmkit.odometry.motion_model import LONGEST_STEP_S
 from lmkit.odometry.online_wheel_odometry import AHEAD_S
 from lmkit.odometry.pose_odometry import PoseNoise, pose_variances
 
-KEPT_S = 1.0  # rows are kept for so long before the last frame
+KEPT_S = 1.0  # duration for which rows are kept before the last frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class _Row:
     Attributes:
         time_s, R, p: (3,3), (3,) the pose in odometry's frame.
         turn: (3,) rotation vector from the row before, in its frame.
-        totals: way (m), turn (rad) and time without poses (s) up to here.
+        totals: distance (m), rotation (rad) and time without poses (s) up to here.
     """
 
     time_s: float
@@ -57,7 +57,7 @@ class PoseRows:
 
     @property
     def unknown(self) -> bool:
-        """Nothing is known of how it moved."""
+        """Whether the motion is unknown."""
         return len(self._rows) < 2
 
     def add(self, time_s: float, T_odometry_base: Pose) -> None:
@@ -74,7 +74,7 @@ class PoseRows:
             self._path = None
 
     def at(self, time_s: float) -> tuple[FloatArray, FloatArray]:
-        """(3,3), (3,) the pose of odometry at a time; where nothing is known it stays where it is."""
+        """(3,3), (3,) the pose of odometry at a time; constant where it is unknown."""
         if self.unknown:
             return np.eye(3), np.zeros(3)
         before, after, share = self._between_rows(time_s)
@@ -91,7 +91,7 @@ class PoseRows:
         return np.array([place, place, place, turn, turn, turn])
 
     def _all(self) -> tuple[list[float], list[_Row]]:
-        """Times and rows, and one row more: who moves goes on as he did."""
+        """Times and rows, and one extrapolated row with the last velocity."""
         if self._path is None:
             last, seconds = self._rows[-1], self._rows[-1].time_s - self._rows[-2].time_s
             share = AHEAD_S / seconds

@@ -1,7 +1,7 @@
 """Wheel odometry of a driving robot for filters: the last rows, and the motion that they predict.
 
-The state is x, y, heading and what is wrong with the odometry (`motion.PARAMETERS`), its delay among them: the same
-motions, a little later, lead to another place.  Rows are kept for as long as a delay may need them.
+The state is x, y, heading and the errors of the odometry (`motion.PARAMETERS`), including its delay: the same
+motions at a slightly later time lead to another pose.  Rows are kept as long as a delay may need them.
 """
 
 from __future__ import annotations
@@ -87,11 +87,11 @@ class Wheels:
         return self._known[3]
 
     def model(self, time_s: float) -> MotionModel:
-        """Motion by the rows so far; without any, around ``time_s``, the robot stands still."""
+        """Motion model of the rows so far; without rows, the robot stands still around ``time_s``."""
         if len(self._rows[0]) < 2:
             outside = Odometry(np.array([time_s - 9e3, time_s - 8e3]), np.zeros(2), np.zeros(2))
             return MotionModel(outside, None, self._noise)
-        # A robot that runs ahead of its odometry's clock goes on as it did.
+        # For times after the last row, the robot continues with its last velocity.
         times, forwards, turns = self._rows
         share = AHEAD_S / max(times[-1] - times[-2], 1e-3)
         ahead = (times[-1] + AHEAD_S, share * forwards[-1], share * turns[-1])

@@ -1,7 +1,7 @@
-"""Whether odometry and gyro can be what their files say: units, signs, axes and clocks; one door for all commands.
+"""Plausibility checks of odometry and gyro: units, signs, axes and clocks; used by all commands.
 
-Both are compared with each other, and with poses from landmarks alone where there are some.  A contradiction that has
-a name is refused; small errors of scale and delay are left to the solvers, which estimate them.
+Both are compared with each other, and with poses from landmarks alone, if there are any.  A contradiction with a
+known cause is refused; small errors of scale and delay are estimated by the solvers.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from lmkit.geometry.planar import between, follow
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.model.trajectory import Trajectory
 
-WINDOW_S = 1.0  # over which speeds are taken
-FASTEST_MPS, FASTEST_RADPS = 40.0, 10.0  # of anything that drives past printed landmarks
+WINDOW_S = 1.0  # over which speeds are computed
+FASTEST_MPS, FASTEST_RADPS = 40.0, 10.0  # largest speed of a robot that reads landmarks
 LARGEST_STEP = 1e4  # m and rad from one row to the next, and rad/s: no measurement
 LEAST_PAIRS = 12
 LEAST_IN_DEGREES = 4  # a ratio of 57 is no accident
 LEAST_TURN_RAD, LEAST_WAY_M = 0.05, 0.05  # root mean squares below which nothing can be compared
 LIKE, LAGGED, UNLIKE, OPPOSITE = 0.8, 0.87, 0.4, -0.6  # correlations
 OFF_SCALE = 2.0
-STILL = 1e-4  # odometry that moves by less than this share of the way stands still
+STILL = 1e-4  # odometry that moves by less than this share of the distance does not move
 SLOWEST_STEP_S = 1.5  # between rows of a sensor whose stamps are seconds
 # Images of a moving robot follow each other within seconds; those that are further apart may be in another unit.
 SELDOM_S, RARE_S, LEAST_SELDOM = 5.0, 30.0, 4
@@ -40,7 +40,7 @@ Pairs = tuple[FloatArray, FloatArray]
 
 
 def require_plausible_odometry(odometry: Odometry | Trajectory) -> None:
-    """Refuse speeds of no robot.
+    """Refuse implausible speeds.
 
     Raises:
         InputError: ``implausible_odometry``, naming the unit that is likely.
@@ -70,9 +70,9 @@ def require_plausible_odometry(odometry: Odometry | Trajectory) -> None:
 
 
 def require_seconds(times_s: FloatArray) -> None:
-    """Refuse times of images that are no seconds since 1970; warn of images that are as far apart as no robot's.
+    """Refuse image times that are not plausible seconds; warn if images are unusually far apart in time.
 
-    Stills that are taken a minute apart are possible, so that these are only warned of.
+    Images a minute apart are possible, so there is only a warning.
 
     Args:
         times_s: (N,) in any order.
@@ -161,7 +161,7 @@ def _missing(gyro: Gyro, odometry: Odometry) -> str:
 
 
 def require_agreement(odometry: Odometry, times_s: FloatArray, states: FloatArray) -> None:
-    """Refuse wheel odometry that poses from landmarks alone contradict in a way that has a name.
+    """Refuse wheel odometry that poses from landmarks alone contradict, if the cause is known.
 
     Args:
         times_s: (K,) of the poses, increasing.
@@ -181,7 +181,7 @@ def require_agreement(odometry: Odometry, times_s: FloatArray, states: FloatArra
     seen, said = (
         np.array([between(poses[[a, b]])[0] for a, b in rows.tolist()]) for poses in (_unwrapped(states), at)
     )
-    # At a gap or outside its times odometry says nothing.
+    # In a gap or outside its times, odometry gives no information.
     inside = (times_s[rows] >= odometry.times_s[0]).all(axis=1) & (times_s[rows] <= odometry.times_s[-1]).all(axis=1)
     seen, said, rows = seen[inside], said[inside], rows[inside]
     if len(rows) < LEAST_PAIRS:
@@ -269,7 +269,7 @@ def _pairs(times_s: FloatArray) -> FloatArray:
 
 
 def _best_lag(times_s: FloatArray, turns: FloatArray, own_s: FloatArray, turned: FloatArray) -> float | None:
-    """Seconds by which a clock is ahead, where the turns fit only then; None where they never do.
+    """Seconds by which a clock is ahead, if the rotations agree only with that offset; None if they never agree.
 
     Args:
         times_s: (P+1,) or (P,2) between which ``turns`` (P,) happened.
@@ -280,7 +280,7 @@ def _best_lag(times_s: FloatArray, turns: FloatArray, own_s: FloatArray, turned:
     for lag in np.arange(-LONGEST_LAG_S, LONGEST_LAG_S, LAG_STEP_S).tolist():
         there = pairs + lag
         inside = (there[:, 0] >= own_s[0]) & (there[:, 1] <= own_s[-1])
-        # Turns of a few seconds resemble others by chance.
+        # Rotations of a few seconds correlate by chance.
         if inside.sum() < max(LEAST_PAIRS, len(turns) / 2) or _rms(turns[inside]) < LEAST_TURN_RAD:
             continue
         other = np.diff(np.interp(there[inside], own_s, turned), axis=1)[:, 0]

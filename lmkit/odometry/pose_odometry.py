@@ -1,4 +1,4 @@
-"""How a robot moved through space, from poses in a frame that drifts: visual-inertial odometry, another SLAM."""
+"""Motion of a robot in 3D, from poses in a drifting frame: visual-inertial odometry or another SLAM."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Amount = TypeVar("Amount", float, FloatArray)
 
 @dataclass(frozen=True)
 class PoseNoise:
-    """How far poses of visual-inertial odometry stray, as standard deviations that grow with the root of way or time.
+    """Noise of visual-inertial odometry: standard deviations that grow with the root of distance or time.
 
     Attributes:
         place_per_root_m, place_per_root_s: in every direction.
         turn_per_root_rad, turn_per_root_s: about every axis, rad.
-        unknown_mps, unknown_radps: how fast the robot may move where no poses are.
+        unknown_mps, unknown_radps: largest speed of the robot in gaps without poses.
     """
 
     place_per_root_m: float = 0.015
@@ -41,12 +41,12 @@ def pose_variances(
     """Variances of motions (m^2) and turns (rad^2), the same along and about every axis.
 
     Args:
-        seconds, way, turned, gap: that they take, how far they go, and for how long there are no poses.
+        seconds, way, turned, gap: duration, distance (m), rotation (rad), and duration without poses.
     """
     n = noise
     place = n.place_per_root_m**2 * way + n.place_per_root_s**2 * seconds + (n.unknown_mps * gap) ** 2
     turn = n.turn_per_root_rad**2 * turned + n.turn_per_root_s**2 * seconds + (n.unknown_radps * gap) ** 2
-    # A turn that is wrong early on leads the rest of the way aside.
+    # A rotation error early in the motion shifts the rest of it sideways.
     return place + turn * way**2 / 3, turn
 
 
@@ -59,9 +59,9 @@ def pose_sigmas(
 
 
 class PoseMotion:
-    """Poses of the robot's base in a frame that drifts: what visual-inertial odometry or another SLAM gives.
+    """Poses of the robot's base in a drifting frame, from visual-inertial odometry or another SLAM.
 
-    Between two rows poses are interpolated; what is wrong is their scale, and a delay as of wheels.
+    Poses are interpolated between rows; the estimated errors are their scale, and a delay as for wheels.
     """
 
     names = ("scale", "delay_s")
@@ -125,7 +125,7 @@ class PoseMotion:
         return np.asarray(np.diff(np.interp(own_s, self._times, self._totals[:, 2])) + outside)
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(K,3,3), (K,3) poses of the odometry at times of its own clock; at its ends it stays where it is."""
+        """(K,3,3), (K,3) poses of the odometry at times of its own clock; constant beyond its ends."""
         own = np.clip(times_s, self._times[0], self._times[-1])
         after = np.searchsorted(self._times, own).clip(1, len(self._times) - 1)
         share = ((own - self._times[after - 1]) / (self._times[after] - self._times[after - 1]))[:, None]

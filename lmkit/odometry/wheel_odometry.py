@@ -1,9 +1,9 @@
-"""How a robot on wheels moved, from odometry and gyro, with what is wrong with both.
+"""Motion of a robot on wheels, from odometry and gyro, with the errors of both.
 
-Six numbers say what is wrong (:data:`PARAMETERS`): the scale of the way, the scale of the turns, a turn that grows
-with time (the gyro's bias) or with the way (wheels of unequal size), how much of the way is lost while turning
-(wheels that cannot do both as commanded: MRCLAM's robots lose 30 to 40 % at 0.4 rad/s), and by how many seconds the
-robot lags behind what its sensors report.
+The errors have six parameters (:data:`PARAMETERS`): the scale of distances, the scale of rotations, a rotation that
+grows with time (the gyro's bias) or with distance (wheels of unequal size), the share of distance that is lost while
+turning (wheels that cannot do both as commanded: MRCLAM's robots lose 30 to 40 % at 0.4 rad/s), and the delay in
+seconds of the robot behind its sensors.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from lmkit.odometry.motion_model import LONGEST_STEP_S, Steps, require_common_ti
 
 PARAMETERS = ("forward_scale", "turn_scale", "turn_per_s", "turn_per_m", "slowing_s", "delay_s")
 NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.1])
-# What they may be before anything is seen, as standard deviations.
+# Priors of the parameters, standard deviations.
 PRIOR_SIGMA = np.array([0.1, 0.1, 0.02, 0.1, 0.3, 0.15])
 STEPS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-4)  # but of the delay
-# To both sides, for the derivative with the delay: over less, noise from row to row looks like changes of speed that
-# tell the delay (errors in variables), and the delay is drawn to where it starts.
+# Half width of the difference for the derivative with the delay: with less, noise from row to row looks like changes
+# of speed that determine the delay (errors in variables), and the delay is biased toward its start value.
 DELAY_SPAN_S = 0.2
 MOVES = Moves(STEPS, DELAY_SPAN_S, LONGEST_STEP_S)
-# A robot on wheels keeps its height and its level between two frames, but for the floor.
+# A robot on wheels keeps its height and tilt between two frames, except for an uneven floor.
 LIFT_M, LIFT_PER_ROOT_M = 0.002, 0.003
 LEAN_RAD, LEAN_PER_ROOT_M = 0.002, 0.004
 _Amount = float | FloatArray  # a number, or (K,) of them
@@ -36,15 +36,15 @@ _Amount = float | FloatArray  # a number, or (K,) of them
 
 @dataclass(frozen=True)
 class MotionNoise:
-    """How far motion strays from odometry, as standard deviations that grow with the root of way, turn or time.
+    """Noise of odometry: standard deviations that grow with the root of distance, rotation or time.
 
     Attributes:
-        along_per_root_m: along the way, meters per root of a meter that the wheels travel.
+        along_per_root_m: along the path, meters per root of a meter that the wheels travel.
         across_per_root_m: across it.
         turn_per_root_m, turn_per_root_rad: of the heading, rad per root of a meter and of a radian.
-        turn_per_root_s, place_per_root_s: what grows with time alone.
-        unknown_mps, unknown_radps: how fast the robot may move where odometry has a gap.
-        wheels_per_rad: way that the wheels travel while the robot turns, meters per radian: half their distance.
+        turn_per_root_s, place_per_root_s: parts that grow with time alone.
+        unknown_mps, unknown_radps: largest speed of the robot in a gap of odometry.
+        wheels_per_rad: distance that the wheels travel while the robot turns, meters per radian: half their track.
     """
 
     along_per_root_m: float = 0.06
@@ -76,7 +76,7 @@ class Increments:
 
 
 class Rows(NamedTuple):
-    """Rows of odometry that were looked at when they came: `Odometry` without its checks.
+    """Rows of odometry that were checked when they arrived: `Odometry` without its checks.
 
     Attributes:
         times_s, forward_m, turn_rad: (N,) finite; times increase.
@@ -88,7 +88,7 @@ class Rows(NamedTuple):
 
 
 class MotionModel:
-    """Odometry, with the gyro's turns in place of the wheels' at all times that the gyro covers."""
+    """Wheel odometry, with the gyro's rotation instead of the wheels' at all times that the gyro covers."""
 
     names, nominal, prior_sigma, of_base = PARAMETERS, NOMINAL, PRIOR_SIGMA, True
 
@@ -146,7 +146,7 @@ class MotionModel:
     def increments(self, times_s: FloatArray, parameters: FloatArray) -> Increments:
         """Motions between times (K,) that follow each other, seconds of the landmarks' clock."""
         motions, by_parameters, grown = wheel_steps(self._rows, times_s, parameters, MOVES)
-        # A filter asks for one step at a time, for which numbers are faster than arrays.
+        # A filter computes one step at a time, for which numbers are faster than arrays.
         seconds, way, turned, gap = grown[0].tolist() if len(grown) == 1 else grown.T
         variances = np.array(self._variances(seconds, way, turned, gap)).reshape(3, -1).T
         return Increments(motions, by_parameters, np.sqrt(variances), np.atleast_1d(gap < LONGEST_STEP_S))

@@ -1,4 +1,4 @@
-"""A recording through a known map: what `lmkit track` gives, whatever saw the landmarks."""
+"""Tracking of a whole recording through a known map, from images or from ranges and bearings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lmkit.model.tracked_trajectory import TrackedTrajectory, _six
 from lmkit.odometry.motion_model import Motion, describe_odometry
 from lmkit.odometry.wheel_odometry import PARAMETERS, MotionModel
 
-LOST_M = 1.0  # a position less sure than that is worth no word
+LOST_M = 1.0  # a position with a larger standard deviation is not reported
 OUTLIER_WEIGHT = 0.1
 
 
@@ -35,7 +35,7 @@ def track_readings(
     landmarks: LandmarkMap,
     noise: ReadingNoise | None = None,
 ) -> TrackedTrajectory:
-    """All of the recording at once, from ranges and bearings (`planar_smoother.py`)."""
+    """Track the whole recording at once, from ranges and bearings (`planar_smoother.py`)."""
     times, motion = np.array([time_s for time_s, _ in frames]), MotionModel(odometry, gyro)
     motion.require_overlap(times)
     track = smooth_planar(times, [seen for _, seen in frames], motion, landmarks, noise)
@@ -58,9 +58,9 @@ def track_readings(
 
 
 def judged(covariances: FloatArray, frames: IntArray, landmarks: IntArray, believed: BoolArray) -> list[PoseStatus]:
-    """Status of every pose: what its frame saw must agree with it.
+    """Status of every pose: it is inconsistent if most observations of its frame contradict it.
 
-    Where most of the frames that saw something contradict their poses, the others agree by chance.
+    If most frames contradict their poses, the agreement of the others is accidental.
 
     Args:
         covariances: (N,...) of the poses, x and y (m) first.
@@ -83,7 +83,7 @@ def judged(covariances: FloatArray, frames: IntArray, landmarks: IntArray, belie
 def _summed(
     count: int, frames: IntArray, squared: FloatArray, nis_dof: FloatArray, believed: BoolArray
 ) -> FloatArray:
-    """(N,2) sums by frame of (R,) squared errors and of how many numbers they are of."""
+    """(N,2) sums by frame of (R,) squared errors and of their degrees of freedom."""
     rows = frames[believed]
     return np.column_stack([np.bincount(rows, values[believed], count) for values in (squared, nis_dof)])
 
@@ -94,10 +94,10 @@ def track_images(
     landmarks: LandmarkMap,
     motion: Motion | None,
 ) -> TrackedTrajectory:
-    """All of the recording at once, from what both cameras saw: bundle adjustment with the map held.
+    """Track the whole recording at once, from images: bundle adjustment with the known map.
 
-    Landmarks that the map knows exactly do not move; those that it knows with a covariance may, as far as that
-    allows, so that what the map leaves open enters the poses' covariance.
+    Landmarks without a covariance are fixed; those with a covariance are refined within it,
+    so that the poses' covariance includes the uncertainty of the map.
 
     Raises:
         InputError: no landmark of the map is in view, or odometry without T_base_left or of another time.
@@ -113,7 +113,7 @@ def _track(
 ) -> TrackedTrajectory:
     known = {m.id: Anchor(m, m.covariance) for m in landmarks}
     start = start_of(frames, rig, {}, known, motion)
-    # Exactly known, they are held and need no unknowns of their own.
+    # Exact landmarks are fixed and need no unknowns.
     exact = all(m.covariance is None for m in landmarks)
     problem = start.problem(frames, rig, motion, landmarks_fixed=exact)
     optimize_all(problem)

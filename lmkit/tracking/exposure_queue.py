@@ -1,8 +1,8 @@
 """Queue of images of cameras that do not expose at the time of their frame, for filters.
 
-A camera that exposes 40 ms after another one sees from where the robot is by then.  Carried to the time of the frame
-without noise, it contradicts the other camera by as much as odometry errs in 40 ms.  So the filters step to every
-exposure, as they step from frame to frame, with odometry's noise.
+A camera that exposes 40 ms after another one sees from another pose of the robot.  If it is moved to the time of the
+frame without noise, it contradicts the other camera by the odometry error of 40 ms.  So the filters step to every
+exposure with odometry's noise, as they step from frame to frame.
 """
 
 from __future__ import annotations
@@ -39,5 +39,5 @@ class ExposureQueue:
         return due
 
     def clear(self) -> None:
-        """Forget what waits: the filter begins anew."""
+        """Drop waiting exposures: the filter restarts."""
         self._waiting = []

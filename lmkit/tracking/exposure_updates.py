@@ -1,4 +1,4 @@
-"""A filter's updates with what the cameras saw up to a frame, one exposure after the other."""
+"""A filter's updates with the exposures up to a frame, one after the other."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ CORNER_COORDINATES = 8  # of a landmark
 
 
 class ExposureUpdates:
-    """Updates with the exposures that are due, and what came of them.
+    """Updates with the exposures that are due, and their results.
 
     Attributes:
-        outliers: landmarks that do not fit, or are there twice.
+        outliers: landmarks that do not fit, or appear twice in an image.
         nis, nis_dof: normalized innovation squared of the inliers, and its degrees of freedom.
-        fits: of every exposure that saw a landmark of the map, whether any fits.
+        fits: for every exposure that saw a landmark of the map, whether any landmark fits.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class ExposureUpdates:
 
         Args:
             due: times and detections of every camera.
-            look: steps to a time; what the cameras saw then.
+            look: predicts to a time and returns the correspondences of that time.
             update: (S,) the inliers of an update, and its innovation.
         """
         self.outliers: set[LandmarkId] = set()
@@ -47,7 +47,7 @@ class ExposureUpdates:
             try:
                 used, cost = update(seen)
             except np.linalg.LinAlgError:
-                # Corners or a covariance beyond all measure: nothing fits.
+                # Corners or a covariance out of range: nothing fits.
                 used, cost = np.zeros(len(seen), dtype=bool), 0.0
             self.outliers |= seen.ids_of(~used)
             self.fits.append(bool(used.any()))

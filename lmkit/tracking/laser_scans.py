@@ -1,7 +1,7 @@
 """A recording of laser scans through a map of poles.
 
-Poles are identified scan by scan, with the filter's prediction as the rough pose; where that is lost, by their
-distances alone.  The identified poles are then readings of range and bearing like any others.
+Poles are identified scan by scan, with the filter's prediction as the rough pose; without a prediction, by their
+distances alone.  The identified poles are then used as readings of range and bearing.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from lmkit.tracking.batch import track_readings
 from lmkit.tracking.online import READING_NUMBERS, run_live, tracked_planar
 from lmkit.tracking.range_bearing_filter import PlanarFilter, TrackedPose
 
-LEAST_SIGMA = np.array([0.03, 0.03, 0.01])  # of a prediction: between scans, the robot drives on and the filter errs
+LEAST_SIGMA = np.array([0.03, 0.03, 0.01])  # of a prediction: motion between scans, and errors of the filter
 LOST_M = 1.0
-UNEXPLAINED = 5  # scans in a row that the prediction explains nothing of, before it is given up
+UNEXPLAINED = 5  # consecutive scans without a pole at its predicted place, before the prediction is given up
 
 
 def track_scans(
@@ -46,7 +46,7 @@ def track_scans(
 
     Raises:
         InputError: the map has no poles, or odometry of another time.
-        NegativeAnswer: no scan shows where the robot is.
+        NegativeAnswer: no scan determines the pose of the robot.
     """
     identified = _Identified(scans, landmarks, settings or ScanSettings(), MotionModel(odometry, gyro))
     times = [scan.end_s for scan in scans]
@@ -86,7 +86,7 @@ class _Identified:
         return self.filter.observe(scan.end_s, found.readings)
 
     def _carried(self, scan: LaserScan, poles: list[ScannedPole]) -> list[ScannedPole]:
-        """Poles as seen at the end of the scan: the robot drives on while the scanner rotates."""
+        """Poles as seen at the end of the scan, corrected for the robot's motion while the scanner rotates."""
         if scan.beam_s == 0:
             return poles
         carried = []

@@ -1,22 +1,22 @@
-"""Errors that images share: what a filter's covariance lacks.
+"""Errors that consecutive images share, and the covariance that a filter must add for them.
 
-A filter takes every image for news, so its covariance shrinks as if errors averaged out.  Three kinds do not:
+A filter treats images as independent, so its covariance shrinks as if errors averaged out.  Three kinds do not:
 
 - the error of a landmark's place in the map is the same in all images;
-- lenses and their calibration err alike wherever a landmark is nearly in the same place of the image;
-- the detector errs alike in the same view: of a robot that stands, one image says nearly what the next one says.
+- errors of lens and calibration are nearly the same while a landmark is in the same place of the image;
+- errors of the detector are nearly the same in the same view: images of a robot that stands still are correlated.
 
-The filter goes on weighing images as it does, and the true covariance of its estimate is kept beside it, with these
+The filter's weights are unchanged.  The true covariance of its estimate is computed in addition, with these
 errors as parameters that are considered and not estimated (Schmidt 1966, "Application of state-space methods to
 navigation problems", Advances in Control Systems 3).  Let e be the error of the estimate and b a lasting error in its
 standard deviations.  An update from information B to N takes
 
     e+ = N^-1 B e + N^-1 H'W K b + noise,
 
-with H and K the derivatives of what is seen with the state and with b, W its weights.  In one image K b is part of
-what W allows for, so N^-1 is the covariance of e+ as long as e and b have nothing in common.  They have, from the
-second image on: with X = cov(e, b), A = N^-1 B, D = N^-1 H'W K, and r the correlation of b with itself in the last
-image (a first-order Gauss-Markov process, Gelb 1974, "Applied Optimal Estimation", 3.8)
+where H and K are the derivatives of the observations with the state and with b, and W are the weights.  In one image
+K b is part of the error that W models, so N^-1 is the covariance of e+ as long as e and b are uncorrelated.  They are
+correlated from the second image on.  With X = cov(e, b), A = N^-1 B, D = N^-1 H'W K, and r the correlation of b with
+its value in the last image (a first-order Gauss-Markov process, Gelb 1974, "Applied Optimal Estimation", 3.8)
 
     X+ = r A X + D        and        E+ = A E A' + r (A X D' + D X' A')
 
@@ -33,7 +33,7 @@ from lmkit.kernels.pose_update import Updated
 from lmkit.localization.correspondences import Correspondences
 from lmkit.model.landmark_id import LandmarkId
 
-# Way of the corners in the image over which errors become others.  The detector's correlate by 0.8 to 1 in the same
+# Motion of the corners in the image over which errors decorrelate.  The detector's correlate by 0.8 to 1 in the same
 # view, by 0.5 within 1 px and by 0.1 beyond 3 px (simulated cameras of five kinds); those of the lens by 0.8 up to
 # 30 px, 0.7 up to 100 px and 0.6 up to 300 px (recording of TagSLAM).
 DETECTOR_PX, LENS_PX = 1.5, 400.0
@@ -41,7 +41,7 @@ PER_PX = (-1 / DETECTOR_PX, -1 / LENS_PX)
 
 
 class LastingErrors:
-    """Account of the errors that images share."""
+    """Covariance of the errors that images share."""
 
     def __init__(self, states: int) -> None:
         self._states = states
@@ -52,7 +52,7 @@ class LastingErrors:
         self._shared = Shared(np.zeros((N, N)), np.zeros((0, N, 6)), np.zeros((0, 4, 2)), np.zeros((0, N, 16)))
         self._moved: FloatArray | None = None  # (N,N) derivatives of the states with those of the last image
         self._numbers: dict[LandmarkId, int] = {}
-        self._rows: dict[tuple[LandmarkId, int], int] = {}  # of the last image that showed something
+        self._rows: dict[tuple[LandmarkId, int], int] = {}  # of the last image with observations
 
     @property
     def excess(self) -> FloatArray:
@@ -63,21 +63,21 @@ class LastingErrors:
     def start(
         self, seen: Correspondences, R: FloatArray, p: FloatArray, used: BoolArray, by_pull: FloatArray
     ) -> None:
-        """Forget all: the filter begins with one image, at the pose R (3,3), p (3,).
+        """Reset: the filter starts with one image, at the pose R (3,3), p (3,).
 
         Args:
             used: (S,) the observations that fit.
-            by_pull: (N,6) derivatives of the states with pulls on the pose.
+            by_pull: (N,6) derivatives of the states with gradients on the pose.
         """
         self._forget()
         self._add(seen, R, p, used, np.zeros((self._states, self._states)), by_pull)
 
     def predict(self, F: FloatArray) -> None:
-        """The state moves on: (N,N) its derivatives with the state before."""
+        """Predict: (N,N) derivatives of the state with the previous state."""
         self._moved = F if self._moved is None else F @ self._moved
 
     def update(self, seen: Correspondences, done: Updated) -> None:
-        """An image came, and the filter was updated."""
+        """Account for a filter update with an image."""
         left = done.left if self._moved is None else done.left @ self._moved
         self._add(seen, done.R, done.p, done.used, left, done.by_pull)
 

@@ -1,4 +1,4 @@
-"""Tracking as it happens: each pose uses only the data up to its time."""
+"""Live tracking: each pose uses only the data up to its time."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def track_live(
 def track_images_live(
     frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, odometry: Odometry, gyro: Gyro | None
 ) -> TrackedTrajectory:
-    """Track frame by frame on a level floor, by the corners that all cameras saw (`planar_stereo_filter.py`).
+    """Track frame by frame on a level floor, from the corners of all cameras (`planar_stereo_filter.py`).
 
     Raises:
         InputError: the rig has no T_base_left, or odometry of another time.
@@ -65,7 +65,7 @@ def track_images_live(
 def track_poses_live(
     frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap, odometry: Trajectory
 ) -> TrackedTrajectory:
-    """Track frame by frame through space, by corners and odometry's poses (`spatial_stereo_filter.py`).
+    """Track frame by frame in 3D, from corners and odometry's poses (`spatial_stereo_filter.py`).
 
     Frames before the first fix are left out.
 
@@ -137,7 +137,7 @@ def tracked_planar(answers: Sequence[TrackedPose], parameters: FloatArray, numbe
 
     Args:
         parameters: errors of the odometry.
-        numbers: that one observation holds.
+        numbers: of one observation.
     """
     return TrackedTrajectory(
         np.array([answer.time_s for answer in answers]),
@@ -152,10 +152,10 @@ def tracked_planar(answers: Sequence[TrackedPose], parameters: FloatArray, numbe
 
 
 def _status(answer: TrackedPose | SpacePose, numbers: int) -> PoseStatus:
-    """Status of a pose: one that most of what was seen contradicts is not ``ok``, however well it was predicted.
+    """Status of a pose: if most observations contradict it, it is not ``ok``, however small its covariance.
 
     Args:
-        numbers: that one observation holds.
+        numbers: of one observation.
     """
     contradicted = len(answer.outliers) > answer.nis_dof / numbers
     return PoseStatus.INCONSISTENT if contradicted and answer.status == PoseStatus.OK else answer.status
@@ -174,7 +174,7 @@ def _carried_off(answers: Sequence[TrackedPose] | Sequence[SpacePose], predictio
 
 
 def _floor_doubt(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> tuple[str, ...]:
-    """A sentence where the robot does not stand on the map's floor, as the frames that see most have it."""
+    """A sentence if the robot is not on the map's floor, according to the frames with most detections."""
     assert rig.T_base_left is not None
     base = rig.T_base_left.inverse().t  # in the left camera
     heights = []

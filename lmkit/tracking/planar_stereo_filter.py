@@ -1,10 +1,10 @@
 """Pose of a robot with a stereo camera on a level floor: an iterated extended Kalman filter on the corners.
 
 The state is that of `online_wheel_odometry.py`.  Each frame updates it by all corners of all mapped landmarks in both
-cameras (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark, whose two poses images
-alone cannot tell apart, still helps.  The robot is on wheels: its height is known, and it is level.  Landmarks that
-do not fit are left out; where none fits for a while, the robot is located anew.  The error of a landmark's place is
-the same in every frame, and the covariance says so (`lasting_errors.py`).
+cameras (the update as Gauss-Newton: Bell and Cathey 1993), so that a single far landmark still helps, although images
+alone cannot distinguish its two poses.  The robot is on wheels: its height is known, and it is level.  Landmarks that
+do not fit are left out; if none fits for some frames, the filter is restarted.  The error of a landmark's place is
+the same in every frame; the covariance includes this correlation (`lasting_errors.py`).
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from lmkit.tracking.lasting_errors import LastingErrors
 from lmkit.tracking.range_bearing_filter import NOWHERE_M, TrackedPose
 
 OUTLIER_SIGMA = 4.5
-# A last step of a squared length, in standard deviations; what does not fit; iterations.
+# Squared length of the last step, in standard deviations; outlier threshold; iterations.
 UPDATE = Update(converged=1e-3, limit=8 * OUTLIER_SIGMA**2, iterations=4)
 PLANAR = np.array([0, 1, 5])  # x, y and heading, of the six numbers of a pose
 DELAY = 3 + PARAMETERS.index("delay_s")
-DOUBTS = 4  # frames at which nothing fits, before the robot may have been carried off
+DOUBTS = 4  # frames without a fitting landmark, before the robot may have been carried away
 
 
 class RigFilter:
-    """Feed ``wheels`` rows, and what both cameras saw, in the order of time; every frame gives a pose.
+    """Feed ``wheels`` rows, and detections of all cameras, in the order of time; every frame gives a pose.
 
     Args:
         rig: with its T_base_left.
-        corner_floor_px: as of `LocateOptions`.
+        corner_floor_px: see `LocateOptions`.
 
     Raises:
         InputError: the rig has no T_base_left.
@@ -85,11 +85,11 @@ class RigFilter:
 
     @property
     def parameters(self) -> FloatArray:
-        """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
+        """(6,) estimated errors of the odometry, as `motion.PARAMETERS`."""
         return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
 
     def foretell(self, time_s: float) -> Pose | None:
-        """T_map_left at ``time_s`` by the odometry given so far; None before the first fix.  Changes nothing."""
+        """Predicted T_map_left at ``time_s`` from the odometry so far; None before the first fix; changes nothing."""
         if self._time is None:
             return None
         x = self._x
@@ -98,7 +98,7 @@ class RigFilter:
         return planar_pose(x[:3]) @ self._T
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...]:
-        """T_left_left: how the rig moves, by the odometry given so far, from ``time_s`` to each of other times."""
+        """T_left_left: motion of the rig from ``time_s`` to each of other times, from the odometry so far."""
         return carried_from(time_s, then_s, self._rig, self.wheels.model(time_s), self.parameters)
 
     def observe(
@@ -107,7 +107,7 @@ class RigFilter:
         """Pose at ``time_s``; every list of detections may be empty.
 
         Args:
-            then_s: when each camera exposed; empty: all at ``time_s``.  What exposed later counts at the next frame.
+            then_s: when each camera exposed; empty: all at ``time_s``.  Later exposures are used with the next frame.
         """
         if self._time is None:
             return self._start(time_s, detections, then_s)
@@ -122,7 +122,7 @@ class RigFilter:
         return self._pose(time_s, tuple(sorted(done.outliers)), False, done.nis, done.nis_dof)
 
     def _step(self, time_s: float) -> None:
-        """Go on to a time by odometry; one that has passed changes nothing."""
+        """Predict to a time with odometry; a time in the past changes nothing."""
         assert self._time is not None
         if time_s > self._time:
             self.wheels.forget(self._time)
@@ -135,7 +135,7 @@ class RigFilter:
         """Correspondences of cameras that exposed together, after a step to that time."""
         assert self._time is not None
         self._step(at)
-        # Of an exposure before the last frame, which comes too late.
+        # An exposure before the last frame arrives too late.
         carried = self.carried(self._time, [at] * len(detections)) if at < self._time else ()
         return Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
 
@@ -150,7 +150,7 @@ class RigFilter:
             return TrackedPose(time_s, PoseStatus.LOST, None, None)
         base = found.T_map_camera.R @ self._T.R.T
         place = found.T_map_camera.t - base @ self._T.t
-        # What is wrong with the odometry stays known when the robot was carried off.
+        # Odometry errors are kept when the robot was carried away.
         own = (np.array(NOMINAL), np.diag(PRIOR_SIGMA**2)) if self._time is None else (self._x[3:], self._P[3:, 3:])
         self._x = np.concatenate([[place[0], place[1], np.arctan2(base[1, 0], base[0, 0])], own[0]])
         self._P = np.zeros((STATES, STATES))
@@ -166,18 +166,18 @@ class RigFilter:
     def _update(self, seen: Correspondences) -> tuple[BoolArray, float]:
         """Gauss-Newton on corners and the prediction; (S,) the inliers, and their innovation.
 
-        How the robot lifts, rolls and pitches at that time is fitted beside the state; it is level of itself.
+        Height, roll and pitch at that time are fitted in addition, with a prior of a level robot.
         """
         done = seen.update_planar(self._P, self._level, self._base, self._x, UPDATE)
         if done.used.any():
             self._lasting.update(seen, done)
             self._x, self._P = done.state, done.covariance
-            # Beyond that no odometry is kept, and none is there yet.
+            # Odometry is not kept longer than that, and none has arrived yet.
             self._x[DELAY] = min(max(self._x[DELAY], -AHEAD_S), LONGEST_DELAY_S)
         return done.used, done.cost
 
     def _state_by_pull(self, found: PoseEstimate) -> FloatArray:
-        """(9,6) from pulls on a pose that was located to its errors, as those of the state."""
+        """(9,6) from gradients on a located pose to errors of the state."""
         assert found.T_map_camera is not None
         assert found.covariance is not None
         at_base = np.eye(6)

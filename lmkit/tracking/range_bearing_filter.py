@@ -2,8 +2,9 @@
 
 The state is that of `online_wheel_odometry.py`; memory is constant.
 
-A reading is right or wrong, and after a while without landmarks nobody can tell at once.  So both are followed (a
-mixture of few filters, Alspach and Sorenson 1972), each with its probability, until later readings decide.
+A reading is right or wrong, and after some time without landmarks this cannot be decided at once.  So both are
+followed (a mixture of few filters, Alspach and Sorenson 1972), each with its probability, until later readings
+decide.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ MOST_TRACKS = 6
 HOPELESS = 10.0  # log likelihood ratio to the best
 WRONG_SHARE = 0.04  # of readings: another code, a reflection
 WRONG_DENSITY = 0.1  # of a wrong reading's range and bearing: anywhere within 10 m and 1 rad
-DOUBTS = 4  # wrong readings in a row of the best track, before the robot may have been carried off
+DOUBTS = 4  # consecutive wrong readings of the best track, before the robot may have been carried away
 CARRIED_OFF = -7.0  # log probability of that
-SURE = 0.9  # probability of all that is near the best track
+SURE = 0.9  # probability of all tracks near the best one
 SAME_M, SAME_RAD = 0.1, 0.05
 NEAR_M = 0.5
-NOWHERE_M = 1.0  # a position less sure than that is worth no word
+NOWHERE_M = 1.0  # a position with a larger standard deviation is not reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +44,13 @@ class TrackedPose:
     """Pose of the robot at one time.
 
     Attributes:
-        status: ``ok``; ``ambiguous`` (another place may be it); ``lost`` (not yet found, or known to a meter only).
+        status: ``ok``; ``ambiguous`` (another place is possible); ``lost`` (no fix yet, or uncertain by a meter).
         state: (3,) x, y (m), heading (rad); None before the first fix.
         covariance: (3,3).
         outliers: landmarks whose readings were rejected.
-        restarted: True where the filter was put somewhere else: started, or carried off.
-        nis, nis_dof: squared innovations of what was believed, in standard deviations, and how many numbers they
-            are of; on average the one is as large as the other.
+        restarted: True if the filter was restarted at this time.
+        nis, nis_dof: squared innovations of the inliers, in standard deviations, and their degrees of freedom; on
+            average the two are equal.
     """
 
     time_s: float
@@ -89,7 +90,7 @@ class PlanarFilter:
 
     @property
     def parameters(self) -> FloatArray:
-        """(6,) what is wrong with the odometry, as `motion.PARAMETERS`."""
+        """(6,) estimated errors of the odometry, as `motion.PARAMETERS`."""
         return self._tracks[0].x[3:].copy() if self._tracks else np.array(NOMINAL)
 
     def predicted(self, time_s: float) -> tuple[FloatArray, FloatArray] | None:
@@ -120,7 +121,7 @@ class PlanarFilter:
         return self._pose(time_s, carried_off)
 
     def _located(self, readings: Sequence[RangeBearing], log_weight: float) -> list[_Track]:
-        """Tracks that start from this frame alone: the place that the readings give, and others they allow."""
+        """Tracks that start from this frame alone: the pose from the readings, and its alternatives."""
         found = locate_planar(readings, self._map, self._noise)
         if found.pose is None or found.pose.heading_rad is None or found.covariance is None:
             return []
@@ -144,7 +145,7 @@ class PlanarFilter:
         self._time = time_s
 
     def _spread(self, time_s: float, ids: Sequence[LandmarkId]) -> FloatArray:
-        """(R,) by how much each reading's deviation is enlarged: those of one landmark in a short time err alike."""
+        """(R,) factors of the readings' standard deviations: readings of a landmark close in time are correlated."""
         spread = []
         for id_ in ids:
             times = self._seen.setdefault(id_, deque())
@@ -155,7 +156,7 @@ class PlanarFilter:
         return np.array(spread)
 
     def _update(self, reading: Readings, spread: float) -> None:
-        """Every track twice: with the reading, and without it."""
+        """Split every track in two: with the reading, and without it."""
         grown: list[_Track] = []
         for track in self._tracks:
             grown.append(
@@ -210,7 +211,7 @@ class PlanarFilter:
 
 
 def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
-    """The track after a reading that is right, weighed with how well it was foreseen."""
+    """The track after a right reading, weighted with the likelihood of its innovation."""
     given = np.array([np.isfinite(reading.ranges[0]), np.isfinite(reading.bearings[0])])
     H = np.zeros((2, STATES))
     H[:, :3] = reading.jacobian(track.x[:3])[0] / spread
@@ -219,7 +220,7 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
     S = H @ PH + np.eye(2)
     inverse = np.linalg.inv(S)
     K = PH @ inverse
-    # The range's and the bearing's own units, so that a right reading compares with a wrong one.
+    # Density in units of range and bearing, comparable with that of a wrong reading.
     units = spread**2 * float(np.prod(np.array([reading.range_sigma[0], reading.bearing_sigma[0]])[given]))
     squared = float(r @ inverse @ r)
     log = (

@@ -1,7 +1,7 @@
 """Pose of a stereo camera in space: an iterated extended Kalman filter on corners and odometry.
 
-The state is the left camera's pose.  Poses of odometry (visual-inertial, another SLAM) carry it from frame
-to frame, and all corners of all mapped landmarks in both cameras are weighed with what is known already, as in
+The state is the left camera's pose.  Poses of odometry (visual-inertial, another SLAM) predict it from frame
+to frame, and all corners of all mapped landmarks in all cameras update it, as in
 `planar_stereo_filter.py`.  Memory is constant.
 """
 
@@ -37,12 +37,12 @@ class SpacePose:
     """Pose of the cameras at one time.
 
     Attributes:
-        status: ``ok``, or ``lost`` (not yet found, or known to a meter only).
+        status: ``ok``, or ``lost`` (no fix yet, or uncertain by a meter).
         T_map_left: None before the first fix.
         covariance: (6,6) x y z (m), rotation about x y z of the map (rad).
         outliers: landmarks that were rejected.
-        restarted: True where the filter was put somewhere else: started, or carried off.
-        nis, nis_dof: as of `range_bearing_filter.TrackedPose`.
+        restarted: True if the filter was restarted at this time.
+        nis, nis_dof: see `range_bearing_filter.TrackedPose`.
     """
 
     time_s: float
@@ -57,7 +57,7 @@ class SpacePose:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """How the robot moved between two times: its base before, turn and way (of the camera, in the map)."""
+    """Motion between two times: base pose before, rotation and translation (of the camera, in the map)."""
 
     base: FloatArray
     turned: FloatArray
@@ -67,12 +67,12 @@ class _Step:
 
 
 class PoseFilter:
-    """Feed poses of odometry, and what both cameras saw, in the order of time; every frame gives a pose.
+    """Feed poses of odometry, and detections of all cameras, in the order of time; every frame gives a pose.
 
     Args:
-        rig: its T_base_left says where the left camera sits on what odometry moves; without, odometry's poses are the
+        rig: odometry's poses are those of its base if it has T_base_left; otherwise they are the
             left camera's.
-        corner_floor_px: as of `LocateOptions`.
+        corner_floor_px: see `LocateOptions`.
     """
 
     def __init__(
@@ -92,14 +92,14 @@ class PoseFilter:
         self._lasting = LastingErrors(6)
         self._exposures = ExposureQueue()
         self._doubts = 0
-        self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's pose of the last frame, as foretold
+        self._taken: tuple[FloatArray, FloatArray] | None = None  # odometry's predicted pose of the last frame
 
     def add_odometry(self, time_s: float, T_odometry_base: Pose) -> None:
         """Add a pose of odometry, in its own frame that drifts."""
         self._rows.add(time_s, T_odometry_base)
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...]:
-        """T_left_left: how the rig moves, by the odometry given so far, from ``time_s`` to each of other times."""
+        """T_left_left: motion of the rig from ``time_s`` to each of other times, from the odometry so far."""
         R, p = self._rows.at(time_s)
         places = [self._rows.at(then) for then in then_s]
         turns = np.array([R.T @ later for later, _ in places]).reshape(-1, 3, 3)
@@ -111,7 +111,7 @@ class PoseFilter:
         """Pose of the left camera at ``time_s``; every list of detections may be empty.
 
         Args:
-            then_s: when each camera exposed; empty: all at ``time_s``.  What exposed later counts at the next frame.
+            then_s: when each camera exposed; empty: all at ``time_s``.  Later exposures are used with the next frame.
         """
         if self._time is None:
             return self._start(time_s, detections, then_s)
@@ -129,7 +129,7 @@ class PoseFilter:
         """Correspondences of cameras that exposed together, after a step to that time."""
         assert self._time is not None
         self._predict(at)
-        # Of an exposure before the last frame, which comes too late.
+        # An exposure before the last frame arrives too late.
         carried = self.carried(self._time, [at] * len(detections)) if at < self._time else ()
         return Correspondences.of_rig(detections, self._rig, self._map, self._floor_px, carried)
 
@@ -156,7 +156,7 @@ class PoseFilter:
         return self._pose(time_s, found.outliers, True)
 
     def foretell(self, time_s: float) -> Pose | None:
-        """T_map_left at ``time_s`` by the odometry given so far; None before the first fix.  Changes nothing."""
+        """Predicted T_map_left at ``time_s`` from the odometry so far; None before the first fix; changes nothing."""
         if self._time is None:
             return None
         if time_s <= self._time:
@@ -165,7 +165,7 @@ class PoseFilter:
         return Pose("map", "left", orthonormal(step.base @ step.turned @ self._T.R), self._p + step.way)
 
     def _predict(self, time_s: float) -> None:
-        """Go on to a time by odometry; one that has passed changes nothing."""
+        """Predict to a time with odometry; a time in the past changes nothing."""
         assert self._time is not None
         if time_s <= self._time:
             return
@@ -182,9 +182,9 @@ class PoseFilter:
         self._R, self._p = orthonormal(later @ self._T.R), self._p + step.way
 
     def _step(self, before_s: float, time_s: float) -> _Step:
-        """Motion between two times, as odometry has it."""
+        """Motion between two times from odometry."""
         later = self._rows.at(time_s)
-        # From where it was taken to be then, so that what was foretold wrongly is made good.
+        # From the pose predicted then, so that prediction errors are corrected.
         before = self._rows.at(before_s) if self._taken is None else self._taken
         taken = None if self._rows.unknown else later
         turned, moved = before[0].T @ later[0], (later[1] - before[1]) @ before[0]
