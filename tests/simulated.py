@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -11,7 +13,7 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.model.landmark import LM8, LandmarkFamily
 from lmkit.model.landmark_map import LandmarkMap
-from lmkit.model.palette import srgb_to_linear
+from lmkit.model.palette import SRGB_TO_LINEAR
 from lmkit.simulation.inks import LASER, as_printed
 from lmkit.simulation.photograph import ImagingChain, expose
 from lmkit.simulation.render import render
@@ -22,11 +24,12 @@ FACE_DPI = 480 * 25.4 / 180
 CAMERA = CameraModel(SIZE, np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]]), np.zeros(5))
 
 
+@lru_cache(maxsize=32)
 def sheet(code: int, family: LandmarkFamily) -> np.ndarray:
     """Linear light of a face of 480 x 480 pixels (180 mm) with 40 pixels (15 mm) of paper around it."""
-    face = np.asarray(page_to_image(bare_landmark_page(family, code, 180.0), FACE_DPI), dtype=float) / 255
-    paper = cv2.copyMakeBorder(face, 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=(1, 1, 1))
-    return as_printed(srgb_to_linear(paper).astype(np.float32), LASER)
+    face = np.asarray(page_to_image(bare_landmark_page(family, code, 180.0), FACE_DPI))
+    paper = cv2.copyMakeBorder(face, 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+    return as_printed(SRGB_TO_LINEAR[paper], LASER)
 
 
 def shoot(

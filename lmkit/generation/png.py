@@ -31,8 +31,8 @@ def page_to_image(page: Page, dpi: float) -> Image.Image:
     document = pypdfium2.PdfDocument(pages_to_pdf([page], page.title))
     try:
         # Twice the size, then box-averaged: pdfium's own anti-aliasing has few levels.
-        bitmap = document[0].render(scale=2 * dpi / 72.0)
-        image: Image.Image = bitmap.to_pil().convert("RGB")
+        bitmap = document[0].render(scale=2 * dpi / 72.0, rev_byteorder=True)
+        image: Image.Image = bitmap.to_pil()
     finally:
         document.close()
     return image.resize((width, height), Image.Resampling.BOX)

@@ -205,7 +205,7 @@ def test_every_fault_of_the_documentation_has_its_test():
     page = Path(__file__).parents[2] / "docs" / "live.md"
     if not page.exists():
         pytest.skip("the documentation is not installed")
-    table = page.read_text(encoding="utf-8").split("## What goes wrong")[1].split("\n## ")[0]
+    table = page.read_text(encoding="utf-8").split("\n## Faults\n")[1].split("\n## ")[0]
     named = re.findall(r"\| `(\w+)` \|$", table, re.MULTILINE)
     sources = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("test_*.py"))
     assert len(named) >= 20
