@@ -12,7 +12,6 @@ from lmkit.io.landmark_map import map_to_yaml, read_map
 from lmkit.io.rig import rig_to_yaml
 
 GIVEN = ("--family", "aruco4x4_50", "--size", "140mm")
-SHEET = ("plan", "sheet", "--room", "8x5m", "--map", "map.txt")
 SIMULATED = ("run", "sim:?seconds=1&speed=max&images=no")
 
 

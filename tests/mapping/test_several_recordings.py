@@ -70,7 +70,7 @@ def often_seen(made, rank=0):
 
 @pytest.fixture(scope="module")
 def solved():
-    recordings = [recording(drive(seed), f"day{seed}") for seed in (11, 12)]
+    recordings = [recording(drive(seed, seconds=20), f"day{seed}") for seed in (11, 12)]
     return [solve_recording(r.frames, r.rig, SIZES, {}, r.motion) for r in recordings]
 
 
@@ -303,7 +303,7 @@ def test_nothing_to_survey_is_an_error_that_names_a_recording():
 
 @pytest.mark.slow
 def test_recordings_in_frames_of_their_own_are_laid_over_each_other():
-    recordings = [recording(drive(seed), f"day{seed}") for seed in (11, 12)]
+    recordings = [recording(drive(seed, seconds=20), f"day{seed}") for seed in (11, 12)]
     result = survey_recordings(recordings, SIZES, {})
     ids = [m.id for m in result.landmarks]
     found = np.array([result.landmarks.find(id_).T_map_landmark.t for id_ in ids])
@@ -321,7 +321,7 @@ def test_joint_errors_are_as_the_covariance_says():
     squared = []
     for seed in range(100, 104):
         room = make_drive(seed, seconds=2).landmarks
-        recordings = [recording(drive(seed + 1000 * k, room), str(k)) for k in range(1, 4)]
+        recordings = [recording(drive(seed + 1000 * k, room, 20), str(k)) for k in range(1, 4)]
         result = survey_recordings(recordings, {m.id: m.size_m for m in room}, known(room))
         for m in list(result.landmarks):
             off = m.T_map_landmark.t - room.find(m.id).T_map_landmark.t
