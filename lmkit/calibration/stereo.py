@@ -16,6 +16,7 @@ from lmkit.calibration.cross_validation import FOLDS, HeldOut, hold_out
 from lmkit.calibration.initialization import (
     AUTO,
     CameraStarts,
+    Consensus,
     agreement_with,
     find_consensus,
     models_by_camera,
@@ -170,7 +171,14 @@ def calibrate_stereo(
         options = _known_lenses(known, declared.covariances if declared is not None else None)
         fits = {
             _name(known[0].model, known[1].model): _fit(
-                views, object_points, known, rejected, np.inf, options, on_step
+                views,
+                object_points,
+                known,
+                find_consensus(object_points, views, *known),
+                rejected,
+                np.inf,
+                options,
+                on_step,
             )
         }
     best = _best(fits)
@@ -296,6 +304,7 @@ def _fits(
         InputError: none can.
     """
     fits: dict[str, _Fit] = {}
+    consensus: dict[tuple[bool, bool], Consensus] = {}
     failed: InputError | None = None
     in_left = CameraStarts(object_points, [(v.ids_left, v.left) for v in views], sizes[0])
     in_right = CameraStarts(object_points, [(v.ids_right, v.right) for v in views], sizes[1])
@@ -304,12 +313,17 @@ def _fits(
         def on_fit(done: int, _: int, before: int = index) -> None:
             on_step(before * FITS + done, FITS * len(models))
 
+        on_fit(0, FITS)
         try:
             to_beat = min(
                 (fit.held_out.mean_reprojection_px for fit in fits.values() if fit.held_out), default=np.inf
             )
-            cameras = in_left.camera(model_left), in_right.camera(model_right)
-            fit = _fit(views, object_points, cameras, rejected, to_beat, FitOptions(), on_fit)
+            left, right = cameras = in_left.camera(model_left), in_right.camera(model_right)
+            # Lens models of one kind start from the same camera.
+            kinds = left.lens.is_equidistant, right.lens.is_equidistant
+            if kinds not in consensus:
+                consensus[kinds] = find_consensus(object_points, views, left, right)
+            fit = _fit(views, object_points, cameras, consensus[kinds], rejected, to_beat, FitOptions(), on_fit)
             fits[_name(model_left, model_right)] = fit
         except InputError as error:
             failed = failed or error
@@ -332,6 +346,7 @@ def _fit(
     views: Sequence[PairView],
     object_points: FloatArray,
     cameras: tuple[CameraModel, CameraModel],
+    consensus: Consensus,
     rejected: Sequence[tuple[str, str]],
     to_beat_px: float,
     options: FitOptions,
@@ -342,14 +357,11 @@ def _fit(
     It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones, and
     not fitted to the end where it is far from that after the first steps.
     """
-    left, right = cameras
-    on_step(0, FITS)
-    consensus = find_consensus(object_points, views, left, right)
+    on_step(1, FITS)
     rows = np.flatnonzero(consensus.agrees)
     require_views(len(rows), rejected, MIN_PAIRS, "pairs")
     problem = StereoProblem(object_points, [views[int(k)] for k in rows])
-    on_step(1, FITS)
-    solution = start_solution(consensus, rows, left, right)
+    solution = start_solution(consensus, rows, *cameras)
     flat = replace(options, warp=False, converged=ROUGHLY, covariance=False)
     if np.isfinite(to_beat_px):
         solution = problem.solve(solution, replace(flat, iterations=FIRST_STEPS))
