@@ -1,8 +1,8 @@
-"""Normal equations of a board seen by cameras: what the fits of two and of more cameras share.
+"""Normal equations of a board seen by cameras, for fits of one, two or more cameras.
 
 All frames share unknowns (lenses, poses of cameras, board warp); every frame adds six for the board's pose, which are
-eliminated (Schur complement).  Corners that do not fit are down-weighted by a Cauchy loss, whose scale is held during
-one step.
+eliminated (Schur complement).  Corners that do not fit are down-weighted by a Cauchy loss, whose scale is constant
+during one step.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ State = TypeVar("State")
 WARP = 2
 POSE = 6
 DAMPING = Damping(start=1e-3, grow=10.0, first_grown=0.0)
-CONVERGED = 1e-7  # relative gain; of some thousand residuals, a thousandth of a standard deviation of anything
-LEAST_PAIRS = 8  # for the scatter between pairs to tell anything
+CONVERGED = 1e-7  # relative gain; with some thousand residuals, a thousandth of a standard deviation of any parameter
+LEAST_PAIRS = 8  # for an estimate of the scatter between pairs
 LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss halves its weight
 
 
@@ -57,13 +57,13 @@ class CameraCorners:
 
 @dataclass(frozen=True, eq=False)
 class AtScale(Generic[State]):
-    """A problem of calibration with its robust scale held.
+    """A calibration problem with a fixed robust scale.
 
     Attributes:
         cost: of a state.
         equations: the normal equations at a state.
-        moved: the state after steps of what is shared and of the boards' poses.
-        fitted: (G,) which of the shared unknowns are solved for.
+        moved: the state after steps of the shared unknowns and of the boards' poses.
+        fitted: (G,) whether each shared unknown is estimated.
     """
 
     cost: Callable[[State], float]
@@ -76,14 +76,14 @@ class AtScale(Generic[State]):
         return cache(lambda: self.equations(state)), self.cost(state)
 
     def solve(self, equations: Callable[[], Blocks], damping: float) -> tuple[FloatArray, FloatArray]:
-        """Steps of what is shared and of the boards' poses."""
+        """Steps of the shared unknowns and of the boards' poses."""
         return solve_step(equations(), self.fitted, damping)
 
     def retract(self, state: State, step: tuple[FloatArray, FloatArray]) -> State:
         """The state moved by a step.
 
         Raises:
-            numpy.linalg.LinAlgError: it leaves what a camera can be.
+            numpy.linalg.LinAlgError: the new state is not a valid camera.
         """
         return self.moved(state, *step)
 
@@ -114,7 +114,7 @@ class Blocks:
         residual: FloatArray,
         scale: float,
     ) -> None:
-        """Add what one camera says.
+        """Add the equations of one camera.
 
         Args:
             camera: its corners.
@@ -144,7 +144,7 @@ class Blocks:
 def reduced_equations(
     blocks: Blocks, fitted: BoolArray, damping: float
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """The normal matrix of the fitted shared unknowns with the poses eliminated, and what leads back to them."""
+    """The normal matrix of the fitted shared unknowns with the poses eliminated, and terms for back-substitution."""
     camera = np.arange(POSE)
     poses = blocks.poses.copy()
     poses[:, camera, camera] *= 1 + damping
@@ -175,12 +175,12 @@ def solve_step(blocks: Blocks, fitted: BoolArray, damping: float) -> tuple[Float
 def scatter_between_pairs(
     blocks: Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray
 ) -> FloatArray:
-    """(F,) how many times larger each variance is when the pairs speak for themselves, at least 1.
+    """(F,) factors, at least 1, by which the scatter between pairs enlarges each variance.
 
-    The corners of one image err together (light, focus, what the lens model leaves over), so that they count for
-    less than as many independent ones.  The pairs are independent: what the solution does when each of them is left
-    out (the jackknife, as Bell and McCaffrey 2002 have it for clustered data), over what the corners alone promise.
-    A single number's ratio is noisy, so none counts for less than the median of all.
+    The corners of one image have correlated errors (light, focus, lens model), so they carry less information than
+    independent corners.  The pairs are independent: the changes of the solution when each is left out (the jackknife
+    for clustered data, Bell and McCaffrey 2002) are compared with the covariance from the corners alone. The ratio of
+    a single parameter is noisy, so each is at least the median of all.
     """
     count = int(fitted.sum())
     if blocks.poses.shape[0] < LEAST_PAIRS or not count:
@@ -194,7 +194,7 @@ def scatter_between_pairs(
     except np.linalg.LinAlgError:
         return np.ones(count)
     pairs = len(moved)
-    # So few of them have the tails of Student's distribution: its variance, in place of the normal one's.
+    # With few pairs, the variance of Student's distribution replaces the normal one.
     variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs * (pairs - 1) / (pairs - 3)
     ratios = variance / np.maximum(np.diag(covariance), 1e-300)
     return np.asarray(np.maximum(ratios, max(1.0, float(np.median(ratios)))))

@@ -1,4 +1,4 @@
-"""Joint bundle adjustment of a stereo camera: both cameras, their relation, every board pose, board warp.
+"""Joint bundle adjustment of a stereo camera: both cameras, their relative pose, every board pose, board warp.
 
 The unknowns that all pairs share are, in this order: left intrinsics, right intrinsics, T_right_left
 (rotation, shift), two numbers of board warp; every pair adds six for the board's pose in the left
@@ -41,13 +41,13 @@ from lmkit.optim.robust_loss import cauchy_cost
 
 # A fit that another one continues, and a fit from an optimum of nearly the same problem.
 ROUGHLY, NEARBY = 1e-4, 1e-7  # relative gain of its last step; damping of its first step
-OWN_NOISE = 0.25  # share of a middling image's variance that is the scatter of its own corners
+OWN_NOISE = 0.25  # share of the median image's variance that is the scatter of its own corners
 MOST_NOISE = 10.0  # of an image's corners, over the median's
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A point in the space of unknowns, and how well it explains the images.
+    """Values of all unknowns, and the covariance.
 
     Attributes:
         left, right: cameras.
@@ -80,10 +80,10 @@ class FitOptions:
         relation: T_right_left.
         warp: the board's bow.
         iterations: at most.
-        converged: the relative gain of the last step.
-        damping: of the first step; little where the start is the optimum of nearly the same problem.
+        converged: relative gain below which a step is the last.
+        damping: of the first step; small if the start is the optimum of nearly the same problem.
         known: a prior of the intrinsics, in place of the wide one for any lens.
-        covariance: whether the result carries one, if anything shared is fitted.
+        covariance: whether to compute the covariance, if any shared unknown is fitted.
     """
 
     intrinsics: bool = True
@@ -97,9 +97,9 @@ class FitOptions:
 
 
 class StereoProblem:
-    """The pairs and the board; solves for everything else.
+    """The pairs and the board; estimates all other unknowns.
 
-    Views that the right camera never sees are those of one camera: then only the left one is fitted.
+    If the right camera sees no view, only the left camera is fitted.
 
     Args:
         object_points: (N,3) corners of the board, meters.
@@ -112,8 +112,8 @@ class StereoProblem:
         noise = np.array([[np.nan if n is None else n for n in (v.noise_left, v.noise_right)] for v in views])
         known = noise[np.isfinite(noise)]
         middle = float(np.median(known)) if len(known) else 1.0
-        # Relative to the middle image: how noisy they are all together, the residuals tell.  Most of what they
-        # show comes from what no image tells, though: the lens model, the board, the light.
+        # Relative to the median image; the common noise follows from the residuals.  Most of the residuals
+        # come from other sources, though: the lens model, the board, the light.
         relative = np.where(np.isfinite(noise), noise / max(middle, 1e-9), 1.0)
         relative = np.sqrt(OWN_NOISE * np.minimum(relative, MOST_NOISE) ** 2 + 1 - OWN_NOISE)
         self.left = CameraCorners([(v.ids_left, v.left) for v in views], object_points, relative[:, 0])
@@ -125,7 +125,7 @@ class StereoProblem:
         return list(zip(self.left.per_pair(left), self.right.per_pair(right), strict=True))
 
     def mean_error(self, s: Solution) -> float:
-        """Mean distance, px, of all corners from where the solution puts them."""
+        """Mean distance, px, of all corners from their projections."""
         return float(np.linalg.norm(np.concatenate(self._residuals(s)), axis=1).mean())
 
     def rms(self, s: Solution) -> FloatArray:
@@ -137,7 +137,7 @@ class StereoProblem:
         return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in both])
 
     def solve(self, start: Solution, options: FitOptions) -> Solution:
-        """Levenberg-Marquardt from ``start``; the result carries the covariance of what is shared."""
+        """Levenberg-Marquardt from ``start``; the result has the covariance of the shared unknowns."""
         prior = _Prior.of(start, options.known)
         fitted = _fitted(start, options)
         if not len(self.right.ids):
@@ -161,7 +161,7 @@ class StereoProblem:
         return replace(current, covariance=self._covariance(current, scale, prior, fitted))
 
     def _residuals(self, s: Solution) -> tuple[FloatArray, FloatArray]:
-        """Left (N,2) and right (M,2); kept, since every step asks for the cost and for the scale of its state."""
+        """Left (N,2) and right (M,2); cached, since every step needs the cost and the scale of its state."""
         if self._last is None or self._last[0] is not s:
             in_left = _to_left(self.left, s)
             in_right = _to_left(self.right, s) @ s.R.T + s.t
@@ -245,7 +245,7 @@ class StereoProblem:
 
 @dataclass(frozen=True, eq=False)
 class _Prior:
-    """Shared unknowns as known before anything was seen: (G,) values, (G,G) root of the information, variances."""
+    """Prior of the shared unknowns: (G,) values, (G,G) root of the information, variances."""
 
     mean: FloatArray
     root: FloatArray
@@ -268,7 +268,7 @@ class _Prior:
         return np.asarray(self.root @ (_shared_vector(s) - self.mean))
 
     def most_widened(self, fitted: BoolArray, covariance: FloatArray) -> FloatArray:
-        """(F,) largest factors of the variances: nothing is known worse than was stated before."""
+        """(F,) largest factors of the variances: no variance exceeds its prior."""
         if self.stated is None:
             return np.full(int(fitted.sum()), np.inf)
         return np.asarray(np.maximum(self.stated[fitted] / np.diag(covariance), 1.0))
@@ -283,7 +283,7 @@ def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution:
     """The solution after a step.
 
     Raises:
-        numpy.linalg.LinAlgError: no camera has such intrinsics.
+        numpy.linalg.LinAlgError: the intrinsics are not valid.
     """
     left, right = intrinsics_vector(s.left), intrinsics_vector(s.right)
     nl, nr = len(left), len(right)
@@ -305,7 +305,7 @@ def _moved(s: Solution, shared: FloatArray, poses: FloatArray) -> Solution:
 
 
 def _shared_vector(s: Solution) -> FloatArray:
-    """The shared unknowns as the prior sees them: no relation is likelier than another."""
+    """The shared unknowns for the prior: the relative pose has no prior."""
     return np.concatenate([intrinsics_vector(s.left), intrinsics_vector(s.right), np.zeros(POSE), s.warp])
 
 

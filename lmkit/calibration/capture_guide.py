@@ -1,7 +1,7 @@
 """Guidance while images are taken: which pair to keep, and which view to show next.
 
-A pair is kept by itself when both cameras see the board, sharp, held still and in a view that is not
-there yet.  It ends when the views cover what a calibration needs.
+A pair is kept automatically when both cameras see the board sharp, still and in a
+new view.  Capture ends when the views are sufficient for a calibration.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STILL_SHARE = 0.002  # of the image's width, between one frame and the next
 NEW_PLACE = 0.15  # of the image's width
 NEW_DISTANCE = 1.25  # ratio
 NEW_TILT_DEG = 12.0
-OWN_CAMERA_FROM = 6  # views, before which the focal length is a guess
+OWN_CAMERA_FROM = 6  # views, below which the focal length is uncertain
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Judgment:
     Attributes:
         kept: whether it was taken.
         reason: ``kept``, ``no board``, ``blurred``, ``moving`` or ``not new``.
-        words: the same for a person, with what to do.
+        words: the same as text for a person, with advice.
     """
 
     kept: bool
@@ -54,7 +54,7 @@ class _Kept:
 
 
 class CaptureGuide:
-    """Judges pair after pair; :attr:`views` are those worth a calibration.
+    """Decides pair after pair; :attr:`views` are the pairs kept for calibration.
 
     Args:
         object_points: (N,3) of the board.
@@ -73,7 +73,7 @@ class CaptureGuide:
         self._object_points = object_points
         self._sizes = image_size, right_size or image_size
         width, height = image_size
-        # Until views tell better: a usual lens, whose focal length is about the width.
+        # Until there are enough views: a usual lens, whose focal length is about the width.
         K = np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
         self._camera = CameraModel(image_size, K, np.zeros(5))
         self._moving = moving
@@ -93,15 +93,15 @@ class CaptureGuide:
         return coverage_of(self.views, rotations, translations, *self._sizes)
 
     def ghost(self, coverage: ViewCoverage) -> tuple[int, FloatArray] | None:
-        """Camera (0 left, 1 right) and outline (4,2), pixels, of the board where it is wanted next; None: nowhere."""
+        """Camera (0 left, 1 right) and outline (4,2), pixels, of the next wanted board place; None: no place."""
         wanted = coverage.wanted
         return None if wanted is None else (wanted.side, wanted.outline(self._object_points, self._camera))
 
     def judge(self, view: PairView | None, before: Callable[[], PairView | None] | None = None) -> Judgment:
-        """Judge one pair of frames; None where a camera does not see the board.
+        """Decide about one pair of frames; None if a camera does not see the board.
 
         Args:
-            before: finds the board just before; it is called if the view is sharp and new. Without it, that was the
+            before: finds the board in the previous frame; called if the view is sharp and new.  Default: the
                 view of the last call.
         """
         last, self._before = self._before, view
@@ -151,7 +151,7 @@ class CaptureGuide:
         for kept in self._kept:
             moved = np.linalg.norm(kept.view.left.mean(axis=0) - view.left.mean(axis=0)) / width
             nearer = np.linalg.norm(t) / np.linalg.norm(kept.t)
-            # Tilt alone: a board turned in its own plane shows the lens nothing new.
+            # Tilt alone: rotating a board in its own plane gives no new information on the lens.
             turned = np.rad2deg(np.arccos(np.clip(abs(R[:, 2] @ kept.R[:, 2]), 0, 1)))
             near = 1 / NEW_DISTANCE < nearer < NEW_DISTANCE
             if moved < NEW_PLACE and near and turned < NEW_TILT_DEG and not self._fills_a_cell(view):

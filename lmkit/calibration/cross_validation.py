@@ -1,7 +1,7 @@
-"""How a calibration does on pairs that it has not seen: k folds, every fold fitted without them.
+"""Cross-validation of a calibration: k folds, each evaluated on pairs that its fit did not use.
 
-The error of the fit says nothing of what a model with more freedom has fitted of the noise; only pairs
-kept back do (Stone 1974).
+The training error does not show how much noise a model with more parameters has fitted; only held-out pairs
+do (Stone 1974).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lmkit.model.observation import PairView
 
 FOLDS = 5
 FOLD_CONVERGED = 1e-5  # relative gain of the last step
-# A model with more freedom must do better by so many standard errors, and by this share.
+# A model with more parameters must be better by this number of standard errors, and by this share.
 CLEAR_ERRORS = 1.0
 CLEAR_SHARE = 0.01
 
@@ -35,12 +35,12 @@ POSES_ONLY = in_fold(FitOptions(intrinsics=False, relation=False, warp=False))
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Errors on pairs held out; one entry a pair.
+    """Errors on held-out pairs; one entry per pair.
 
     Attributes:
         rows: which pairs.
         epipolar_px: mean difference in rows after rectification.
-        reprojection_px: mean distance of the corners from where the rig, and the board's best pose, put them.
+        reprojection_px: mean distance of the corners from their projections with the board's best pose.
         common: corners that both cameras see.
         corners: of both cameras.
     """
@@ -62,7 +62,7 @@ class HeldOut:
         return float(np.average(self.reprojection_px, weights=self.corners))
 
     def clearly_better_than(self, other: HeldOut) -> bool:
-        """Pair by pair, so that a hard pair is hard for both; on the pairs that both were tried on."""
+        """Whether this is clearly better, compared pair by pair on the pairs of both."""
         _, own, others = np.intersect1d(self.rows, other.rows, return_indices=True)
         before = other.reprojection_px[others]
         gain = before - self.reprojection_px[own]
@@ -78,7 +78,7 @@ def hold_out(
     options: FitOptions | None = None,
     on_fold: Callable[[int], None] = lambda fold: None,
 ) -> HeldOut | None:
-    """The errors of the solution's kind of rig on pairs held out; None with fewer than five pairs.
+    """The errors of the solution's kind of rig on held-out pairs; None with fewer than five pairs.
 
     Args:
         views: all pairs.

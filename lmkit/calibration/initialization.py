@@ -1,4 +1,4 @@
-"""Initialization of the joint fit: every camera on its own, and the relative pose that most pairs show."""
+"""Initialization of the joint fit: every camera alone, and the relative pose on which most pairs agree."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lmkit.geometry.lens_models import LENS_MODELS, PINHOLE
 from lmkit.geometry.rotations import rotation_angle, rotation_exp, rotation_log
 from lmkit.model.observation import PairView
 
-# A pair's own relation of the cameras may differ from the others' by this much before the fit.
+# A pair's own relative camera pose may differ from the others' by this much before the fit.
 CONSENSUS_DEG = 1.0
 CONSENSUS_SIGMA = 6.0
 FITTED_DEG = 0.2  # the same once the cameras are known
@@ -30,12 +30,12 @@ STARTED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """T_right_left as one pair alone shows it.
+    """T_right_left from one pair alone.
 
     Attributes:
         R, t: rotation (3,3) and shift (3,), meters.
         board: R, t of T_left_board behind it.
-        rms_px: how well each camera alone explains its corners, the worse one.
+        rms_px: reprojection error of each camera alone, the larger one.
     """
 
     R: FloatArray
@@ -51,7 +51,7 @@ class Consensus:
     Attributes:
         relations: of every pair.
         agrees: (P,) whether it is within the limit of the rest.
-        R, t: the middle relation of those that agree.
+        R, t: the median relative pose of those that agree.
     """
 
     relations: tuple[Relation, ...]
@@ -60,7 +60,7 @@ class Consensus:
     t: FloatArray
 
     def off(self, k: int) -> tuple[float, float]:
-        """Degrees and meters of pair k from the middle."""
+        """Difference of pair k from the median, degrees and meters."""
         relation = self.relations[k]
         turned = float(np.rad2deg(rotation_angle(relation.R @ self.R.T)))
         return turned, float(np.linalg.norm(relation.t - self.t))
@@ -128,7 +128,7 @@ class CameraStarts:
     def _pinhole(self) -> CameraModel:
         """With k1 k2 p1 p2 and a k3 of 0; the other models start from it."""
         threads = cv2.getNumThreads()
-        cv2.setNumThreads(1)  # several threads add up in any order: other last bits in every run, and no time gained
+        cv2.setNumThreads(1)  # several threads sum in any order: the last bits would differ between runs
         try:
             _, K, D, _, _ = cv2.calibrateCamera(
                 self._objects, self._images, self._size, None, None, flags=cv2.CALIB_FIX_K3
@@ -140,9 +140,9 @@ class CameraStarts:
     def _equidistant(self, model: str) -> CameraModel:
         """The equidistant camera that explains most of the corners, from several starts.
 
-        A narrow lens is near to the pinhole camera of the same corners; where that camera's equidistant neighbor
-        explains them as well, nothing is fitted. OpenCV's fit ends in an error or in a wrong camera where it starts
-        far from the focal length; the neighbor is its last start, and stands in for it if that fails, too.
+        A narrow lens is close to the pinhole camera of the same corners; if that camera's equidistant approximation
+        explains them as well, nothing is fitted.  OpenCV's fit ends in an error or in a wrong camera if it starts
+        far from the focal length; the approximation is its last start, and the result if that fails, too.
 
         Raises:
             InputError: no such camera explains the corners.
@@ -195,7 +195,7 @@ def _fit_equidistant(objects: Sequence[FloatArray], images: Sequence[FloatArray]
 
 
 def _equidistant_near(camera: CameraModel, model: str) -> CameraModel:
-    """An equidistant camera that sees nearly what a pinhole camera does; focal lengths and center are the same.
+    """An equidistant approximation of a pinhole camera, with the same focal lengths and center.
 
     The angle's polynomial t (1 + k1 t^2 + k2 t^4), which is the distorted tangent over the lens's own range.
     """
@@ -211,7 +211,7 @@ def _equidistant_near(camera: CameraModel, model: str) -> CameraModel:
 
 
 def _median_error(camera: CameraModel, objects: Sequence[FloatArray], images: Sequence[FloatArray]) -> float:
-    """How well the camera explains the middle image, px; infinite where it has no pose of the board."""
+    """Error of the camera on the median image, px; infinite without a pose of the board."""
     poses = [
         board_poses(camera, o.astype(np.float64), i.astype(np.float64)) for o, i in zip(objects, images, strict=True)
     ]
@@ -229,7 +229,7 @@ def _no_start(model: str) -> InputError:
 def find_consensus(
     object_points: FloatArray, views: Sequence[PairView], left: CameraModel, right: CameraModel
 ) -> Consensus:
-    """The relation that most pairs show, and which pairs do.
+    """The relative pose on which most pairs agree, and which pairs do.
 
     Where a camera allows two poses of the board, the pair takes those that agree best with the others.
 
@@ -278,7 +278,7 @@ def start_solution(consensus: Consensus, rows: IntArray, left: CameraModel, righ
 def _choices(
     object_points: FloatArray, views: Sequence[PairView], left: CameraModel, right: CameraModel
 ) -> list[list[Relation]]:
-    """All relations that each pair's board allows; one far from any other where it allows none.
+    """All relative poses that each pair's board allows; a far outlier if it allows none.
 
     Raises:
         InputError: that is so for half of the pairs or more.
@@ -304,7 +304,7 @@ def _relation(in_left: _BoardPose, in_right: _BoardPose) -> Relation:
 
 
 def board_poses(camera: CameraModel, object_points: FloatArray, points: FloatArray) -> list[_BoardPose]:
-    """R, t of the board in one camera and its error, the likelier pose first: a small flat board may have two."""
+    """R, t of the board in one camera and its error, the likelier pose first: a small flat board may allow two."""
     rays = camera.unproject(points)
     if not np.isfinite(rays).all():
         return []

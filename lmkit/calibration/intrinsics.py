@@ -1,4 +1,4 @@
-"""Intrinsics of a camera as one vector, and what is known of them before an image was seen."""
+"""Intrinsics of a camera as one vector, and their prior."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from lmkit.arrays import FloatArray
 from lmkit.geometry.camera import CameraModel
 
-# Standard deviations of what one coefficient does at the corner of the image, over its distance
-# from the middle, before anything was seen: wide for any lens, but it keeps coefficients that cancel
-# each other (Claus and Fitzgibbon 2005 on rational models) from running away together.
+# Prior standard deviation of the displacement by one coefficient at the image corner, over the distance
+# from the center: wide enough for any lens, but it keeps coefficients that cancel
+# each other (Claus and Fitzgibbon 2005 on rational models) from diverging together.
 RADIAL_PRIOR = 0.3
 TANGENTIAL_PRIOR = 0.05
-LEAST_PX, LEAST_COEFFICIENT = 1e-3, 1e-6  # deviations below which no lens is known
+LEAST_PX, LEAST_COEFFICIENT = 1e-3, 1e-6  # smallest standard deviations of a known lens
 LEAST_EIGENVALUE = 1e-10  # of a correlation matrix
 
 
@@ -58,7 +58,7 @@ def distortion_effect(camera: CameraModel) -> tuple[FloatArray, float]:
 
 
 def intrinsics_prior(camera: CameraModel) -> FloatArray:
-    """(4+D,) 1 / standard deviation of every intrinsic number before anything was seen; 0 for none."""
+    """(4+D,) 1 / prior standard deviation of every intrinsic parameter; 0 without a prior."""
     effect, _ = distortion_effect(camera)
     names = camera.lens.coefficients[: len(camera.distortion)]
     tangential = np.array([name.startswith("p") for name in names], dtype=bool)
@@ -67,14 +67,14 @@ def intrinsics_prior(camera: CameraModel) -> FloatArray:
 
 
 def sigma_of_pixels(camera: CameraModel, pixels: float) -> FloatArray:
-    """(4+D,) deviations of focal lengths and principal point, and of what each coefficient does at the corner."""
+    """(4+D,) standard deviations for errors of this size of focal lengths, principal point and coefficients."""
     effect, reach = distortion_effect(camera)
     focal = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
     return np.concatenate([np.full(4, pixels), pixels / (focal * reach * effect)])
 
 
 def sigma_and_correlation(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(K,) standard deviations and (K,K) correlations; what has no deviation is correlated with nothing."""
+    """(K,) standard deviations and (K,K) correlations; zero correlation for a zero standard deviation."""
     sigma = np.sqrt(np.diag(covariance))
     scale = np.where(sigma > 0, sigma, 1.0)
     correlation = covariance / np.outer(scale, scale)
@@ -83,9 +83,9 @@ def sigma_and_correlation(covariance: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def stated_covariance(sigma: FloatArray, correlation: FloatArray | None, together: int = 1) -> FloatArray:
-    """(4+D,4+D) covariance of the intrinsics of a file; what its calibration kept fixed is kept nearly so.
+    """(4+D,4+D) covariance of the intrinsics of a file; parameters fixed by its calibration get small variances.
 
-    Where the file has no correlations, the variances are multiplied by the count of the numbers that were fitted:
+    If the file has no correlations, the variances are multiplied by the number of fitted parameters:
     n times the diagonal is never less than a covariance of n numbers, whatever their correlations. For the same
     reason the covariances of cameras that were fitted together are multiplied by their count.
 

@@ -41,14 +41,14 @@ ITERATIONS = 40
 
 @dataclass(frozen=True, eq=False)
 class RigSolution:
-    """A point in the space of unknowns.
+    """Values of all unknowns.
 
     Attributes:
         models: the cameras.
         R, t: (C,3,3), (C,3) of T_camera_left; those of the first camera are the identity.
         warp: (2,) bow of the board, meters.
         rotations, translations: (P,3,3), (P,3) T_left_board of every frame.
-        covariance: (G,G) of what all frames share, or None.
+        covariance: (G,G) of the shared unknowns, or None.
     """
 
     models: tuple[CameraModel, ...]
@@ -61,7 +61,7 @@ class RigSolution:
 
 
 class RigProblem:
-    """Corners of all cameras in all frames; solves for everything else.
+    """Corners of all cameras in all frames; estimates all other unknowns.
 
     Args:
         cameras: the corners of every camera; frames that it does not see have none.
@@ -80,7 +80,7 @@ class RigProblem:
         ]
 
     def solve(self, start: RigSolution) -> RigSolution:
-        """Levenberg-Marquardt from ``start``; the result carries its covariance."""
+        """Levenberg-Marquardt from ``start``; the result has its covariance."""
         prior = np.concatenate([*(intrinsics_prior(m) for m in start.models), np.zeros(self._poses(start) + WARP)])
         fitted = np.ones(len(prior), dtype=bool)
         current, scale = minimize_rescaled(
@@ -143,7 +143,7 @@ def _moved(s: RigSolution, shared: FloatArray, poses: FloatArray) -> RigSolution
     """The solution after a step.
 
     Raises:
-        numpy.linalg.LinAlgError: no camera has such intrinsics.
+        numpy.linalg.LinAlgError: the intrinsics are not valid.
     """
     models, at = [], 0
     try:
@@ -165,6 +165,6 @@ def _moved(s: RigSolution, shared: FloatArray, poses: FloatArray) -> RigSolution
 
 
 def _shared(s: RigSolution) -> FloatArray:
-    """The shared unknowns as the prior sees them: no pose of a camera is likelier than another."""
+    """The shared unknowns for the prior: camera poses have no prior."""
     intrinsics = [intrinsics_vector(model) for model in s.models]
     return np.concatenate([*intrinsics, np.zeros(POSE * (len(s.models) - 1)), s.warp])

@@ -1,4 +1,4 @@
-"""Why a pair does not fit the rig that the others show: swapped, moved rig, blur, another frame."""
+"""Reasons why a pair does not agree with the other pairs: swapped, moved rig, blur, another frame."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from lmkit.model.observation import PairView
 
 BLUR_RATIO = 4.0  # noise of an image's corners over the median's
 ONE_CAMERA_RATIO = 6.0  # a board's error in one camera alone over the median's
-MATE_SHARE = 0.15  # of the board's size in the image: so near must a swapped image's corners lie
+MATE_SHARE = 0.15  # of the board's size in the image: largest distance of a swapped image's corners
 LEAST_GROUP = 2
 MOST_TRIED = 12
-MUCH_BETTER = 0.1  # a rig in which a pair's error is this share of what it is in the others' is its own
+MUCH_BETTER = 0.1  # a pair has its own rig if its error there is below this share of that in the others' rig
 RELATION_ONLY = FitOptions(intrinsics=False, warp=False)
 POSES_ONLY = FitOptions(intrinsics=False, relation=False, warp=False)
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """One pair that was turned away.
+    """One pair that was rejected.
 
     Attributes:
         pair: its name.
@@ -125,7 +125,7 @@ def _moved_together(
     """For each bad pair that fits one other rig together with other bad ones: all of these, and the turn in deg.
 
     Args:
-        solution: the rig that the others show; the cameras are held.
+        solution: the rig of the other pairs; the cameras are fixed.
         fair_px: reprojection error up to which a pair fits.
     """
     groups: dict[int, tuple[list[int], float]] = {}
@@ -145,13 +145,13 @@ def _moved_together(
 
 
 def _rms_in(object_points: FloatArray, view: PairView, rig: Solution) -> float:
-    """Reprojection error of a pair in a given rig, px; only the board is placed."""
+    """Reprojection error of a pair in a given rig, px; only the board's pose is fitted."""
     problem = StereoProblem(object_points, [view])
     return float(problem.rms(problem.solve(_started(rig, object_points, view), POSES_ONLY))[0])
 
 
 def _started(rig: Solution, object_points: FloatArray, view: PairView) -> Solution:
-    """The rig with the board where the left camera alone sees it."""
+    """The rig, with the board at its pose from the left camera alone."""
     poses = board_poses(rig.left, object_points[view.ids_left], view.left)
     R, t, _ = poses[0] if poses else (np.eye(3), np.array([0, 0, 1.0]), np.inf)
     return replace(rig, rotations=R[None], translations=t[None])

@@ -1,9 +1,9 @@
-"""`check_rig`: is an old calibration still true for new images?
+"""`check_rig`: whether an old calibration is still valid for new images.
 
-Lenses get bumped and rigs deform in the heat.  New corners are explained by the rig as it is, and by
-rigs that were fitted to the other new pairs: first with the cameras moved to each other alone, then
-with other lenses too.  If a new fit does clearly better on pairs that it has not seen, and by more
-than a user would notice, the old rig is no longer true.
+Lenses get bumped, and rigs deform with temperature.  The old rig is compared on new corners with
+rigs that were fitted to the other new pairs: first with a new relative pose of the cameras only, then
+also with new lenses.  If a new fit is clearly better on held-out pairs, and by more
+than a negligible amount, the old rig is no longer valid.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.model.observation import PairView
 
 LEAST_VIEWS = 5
-NOTICED_PX = 0.05  # a gain on unseen pairs that is worth a new calibration, mean reprojection error
+NOTICED_PX = 0.05  # gain on held-out pairs that justifies a new calibration, mean reprojection error
 BAD_RATIO = 4.0
 
 
@@ -37,11 +37,11 @@ class RigCheck:
     """Result of checking an old rig by new images.
 
     Attributes:
-        state: ``true``, ``moved`` (the cameras stand differently to each other) or ``lenses`` (other
+        state: ``true``, ``moved`` (the relative pose of the cameras has changed) or ``lenses`` (other
             intrinsics, too).
         epipolar_px, reprojection_px: mean errors of the new corners in the old rig.
-        moved_epipolar_px, moved_reprojection_px: on pairs held out, with the relation of the cameras fitted anew.
-        lenses_reprojection_px: the same with the intrinsics fitted as well; None where the views cannot tell them.
+        moved_epipolar_px, moved_reprojection_px: on held-out pairs, with the relative pose fitted again.
+        lenses_reprojection_px: the same with the intrinsics fitted as well; None if the views do not determine them.
         turn_deg, turn_sigma_deg: (3,) how far the right camera has turned about its own x, y and z axis.
         shift_mm, shift_sigma_mm: (3,) how far the left camera's center has moved in the right camera's frame.
         focal_change: relative change of the left and right focal length, where the state is ``lenses``.
@@ -84,10 +84,11 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     Args:
         object_points: (N,3) of the board, meters; of landmarks, the four corners of each size in use.
         views: board or landmark in both cameras, each with a pose of its own.
-        lenses: whether the views can tell the intrinsics and the board's bow (a board's can, landmarks' cannot).
+        lenses: whether the views determine the intrinsics and the board's bow (those of a board do, those of
+            landmarks do not).
 
     Raises:
-        InputError: too few views to tell.
+        InputError: too few views.
     """
     started = [(view, _start(rig, object_points, view)) for view in views]
     known = [(view, pose) for view, pose in started if pose is not None]
@@ -101,9 +102,9 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
     old = _solution(rig, [pose for _, pose in known])
     as_is = FitOptions(intrinsics=False, relation=False, warp=lenses)
     turned = FitOptions(intrinsics=False, warp=lenses)
-    # Pairs taken at different times fit no rig at all; they must not speak for a moved one.
+    # Pairs taken at different times fit no rig; they must not count as evidence for a moved rig.
     moved = StereoProblem(object_points, kept).solve(old, turned)
-    # Where two poses of a board suit one camera, the old relation may have confirmed the wrong one.
+    # If two poses of a board fit one camera, the old relative pose may have selected the wrong one.
     found = replace(rig, T_right_left=Pose("right", "left", moved.R, moved.t))
     chosen = [_start(found, object_points, view) or pose for view, pose in known]
     old = _solution(rig, chosen)
@@ -177,7 +178,7 @@ def _worth(new: HeldOut, old: HeldOut) -> bool:
 
 
 def _start(rig: StereoRig, object_points: FloatArray, view: PairView) -> tuple[FloatArray, FloatArray] | None:
-    """R, t of T_left_board: of the poses that the left camera allows, the one that the right camera confirms best."""
+    """R, t of T_left_board: the pose allowed by the left camera that fits the right camera best."""
     poses = board_poses(rig.left, object_points[view.ids_left], view.left)
     best: tuple[float, tuple[FloatArray, FloatArray]] | None = None
     for R, t, _ in poses:
@@ -189,7 +190,7 @@ def _start(rig: StereoRig, object_points: FloatArray, view: PairView) -> tuple[F
 
 
 def check_dict(checked: RigCheck) -> dict[str, Any]:
-    """The answer as docs/formats.md has it."""
+    """The JSON result (docs/formats.md)."""
     return {
         "state": checked.state,
         "sentence": checked.sentence,

@@ -1,6 +1,6 @@
-"""`calibrate_rig`: three or more cameras, of which neighbors see the board together in turn.
+"""`calibrate_rig`: three or more cameras; neighboring cameras see the board at the same time.
 
-Every camera is calibrated on its own; the pairs of cameras that share most views, joined to a tree, give a first rig;
+Every camera is calibrated alone; the pairs of cameras with most common views form a tree, which gives a first rig;
 one joint adjustment of all cameras and frames (`joint_cameras.py`) gives the result.
 """
 
@@ -28,7 +28,7 @@ from lmkit.geometry.rotations import orthonormal
 from lmkit.model.board import BoardSpec
 from lmkit.model.observation import BoardObservation, PairView
 
-LEAST_COMMON = 3  # views that tie two cameras
+LEAST_COMMON = 3  # least common views of two connected cameras
 RELATION_ONLY = FitOptions(intrinsics=False, warp=False)
 Seen = Mapping[str, BoardObservation]  # of one camera, by frame
 Pairs = Mapping[tuple[int, int], Sequence[PairView]]

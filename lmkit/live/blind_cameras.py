@@ -1,4 +1,4 @@
-"""Cameras that read nothing although the pose puts landmarks plainly into their image: a covered lens, darkness."""
+"""Cameras that read nothing although landmarks should be clearly in their image: a covered lens, darkness."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from lmkit.live.state import CameraView, Event
 from lmkit.model.landmark_id import LandmarkId
 
-NAMED_AFTER_S = 2.0  # of images that plainly should show a landmark
+NAMED_AFTER_S = 2.0  # of images that should clearly show a landmark
 LONGEST_GAP_S = 1.0  # between two such images
 
 
@@ -26,7 +26,7 @@ class BlindCameras:
         """Events of a step.
 
         Args:
-            plain: per camera, landmarks that a pose confirmed by another camera puts plainly into its image.
+            plain: per camera, landmarks that should be clearly in its image, by a pose that another camera confirms.
         """
         events = []
         for k, (view, expected) in enumerate(zip(views, plain, strict=True)):

@@ -1,4 +1,4 @@
-"""The latency budget of a live run: over it the detector's profile is ``fast``, then every other image is left."""
+"""The latency budget of a live run: above it the profile is ``fast``, then every other image is skipped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ EASY = 0.5  # share of the budget below which more is tried
 
 
 class LatencyBudget:
-    """Keeps the 95 % latency under a bound by doing less.
+    """Keeps the 95 % latency below a bound by reducing the work.
 
     Attributes:
         level: 0 as asked for, 1 ``fast``, 2 ``fast`` and every other image.
@@ -31,7 +31,7 @@ class LatencyBudget:
 
     @property
     def every(self) -> int:
-        """Every how many images one is searched."""
+        """One of this number of images is searched."""
         return 2 if self.level == 2 else 1
 
     def p95_s(self) -> float:
@@ -39,7 +39,7 @@ class LatencyBudget:
         return float(np.percentile(self._latencies, 95)) if self._latencies else 0.0
 
     def add(self, latency_s: float) -> str | None:
-        """Take the latency of a step; a sentence where that changes what is done."""
+        """Add the latency of a step; a sentence if the level changes."""
         self._latencies.append(latency_s)
         self._steps += 1
         if len(self._latencies) < STEPS:

@@ -29,7 +29,7 @@ class SourceLost(Exception):
 
 
 class SourceEnded(Exception):
-    """A source has given its last image, as it should: it is not opened again."""
+    """A source has delivered its last image, as expected: it is not opened again."""
 
 
 class Capture(Protocol):

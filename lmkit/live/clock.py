@@ -10,7 +10,7 @@ JUMP_S = 0.2
 
 
 class LoopClock:
-    """Seconds of Unix time that never jump, and how far the system's clock has jumped since the start.
+    """Unix time in seconds that never jumps, and the jumps of the system's clock since the start.
 
     Attributes:
         offset_s: to be added to the loop's time for the system's time of now.
@@ -42,10 +42,10 @@ class LoopClock:
 
 
 class StampGuard:
-    """Stamps of another clock, brought into the loop's time.
+    """Conversion of stamps of another clock to the loop's time.
 
-    A stamp near its arrival is believed; of another clock (or after a jump of it) the least delay seen so far is
-    taken for the difference of both clocks.
+    A stamp near its arrival is used unchanged.  For another clock (or after a jump of it), the smallest delay so far
+    is assumed to be the difference of both clocks.
     """
 
     def __init__(self, near_s: float = 0.5) -> None:

@@ -1,4 +1,4 @@
-"""The robot's pose by odometry alone, in a frame of its own: no image can pull it."""
+"""The robot's pose from odometry alone, in its own frame, independent of images."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ FRESH_S = 0.2  # a gyro's rate is compared with the wheels for so long
 class DeadReckoning:
     """Poses of the base by rows of motion.
 
-    Of the wheels' turn only what the gyro confirms counts, so that neither a gyro's bias nor a wheel that slips turns
-    a robot that stands.
+    Only rotation that both wheels and gyro measure is used, so that neither a gyro's bias nor a slipping wheel
+    rotates a robot that stands still.
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class DeadReckoning:
         return found if isinstance(found, Pose) else planar_pose(np.array(found))
 
     def _confirmed(self, time_s: float, turn: float) -> float:
-        """The smaller of both turns; nothing where they contradict."""
+        """The smaller of both rotations; zero if they contradict."""
         at, rate = self._gyro
         if time_s - at > FRESH_S or not self._rows:
             return turn

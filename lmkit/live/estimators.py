@@ -1,4 +1,4 @@
-"""The filter of a live run: by wheels on a floor, by poses of odometry through space, or by the images alone."""
+"""The filter of a live run: with wheels on a floor, with odometry poses in 3D, or with images alone."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from lmkit.tracking.spatial_stereo_filter import PoseFilter
 Seen = Sequence[Sequence[Detection]]
 CORNER_NUMBERS = 8  # of one observation
 DELAY = PARAMETERS.index("delay_s")
-MOST_STEADY_S = 0.3  # two poses further apart foretell nothing
+MOST_STEADY_S = 0.3  # two poses further apart give no prediction
 MOST_MPS, MOST_RADPS = 5.0, 6.0  # of a robot without odometry
 SLACK_M, SLACK_RAD = 0.2, 0.2
 _FLOOR = PosePrior()
@@ -42,7 +42,7 @@ class Estimate:
         status: of the filter.
         T_map_base, covariance: as of `LiveState`; None where nothing is known.
         inliers, outliers: landmarks that the pose agrees with, and that it does not.
-        restarted: the robot was located anew.
+        restarted: the filter was restarted at a new pose.
         nis, nis_dof: as of `LiveState`.
     """
 
@@ -66,11 +66,11 @@ class Estimator(Protocol):
     def add(self, row: MotionRow) -> None:
         """Take a row of odometry or gyro."""
 
-    def foretell(self, time_s: float) -> Pose | None:
-        """T_map_left at a time, before its images are seen."""
+    def predict_pose(self, time_s: float) -> Pose | None:
+        """Predicted T_map_left at a time, before its images are used."""
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
-        """T_left_left: how the rig moves from ``time_s`` to the exposure of each camera; None: not known."""
+        """T_left_left: motion of the rig from ``time_s`` to the exposure of each camera; None: unknown."""
 
     def observe(self, time_s: float, seen: Seen, then_s: Sequence[float] = ()) -> Estimate:
         """Estimate at ``time_s``, of cameras that exposed then; empty: all did at that time."""
@@ -109,9 +109,9 @@ class WheelEstimator:
         elif row.kind == GYRO:
             self._filter.wheels.add_gyro(row.time_s, *row.values)
 
-    def foretell(self, time_s: float) -> Pose | None:
+    def predict_pose(self, time_s: float) -> Pose | None:
         """See `Estimator`."""
-        return self._filter.foretell(time_s)
+        return self._filter.predict_pose(time_s)
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
         """See `Estimator`."""
@@ -148,9 +148,9 @@ class PoseEstimator:
         if pose is not None:
             self._filter.add_odometry(row.time_s, pose)
 
-    def foretell(self, time_s: float) -> Pose | None:
+    def predict_pose(self, time_s: float) -> Pose | None:
         """See `Estimator`."""
-        return self._filter.foretell(time_s)
+        return self._filter.predict_pose(time_s)
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
         """See `Estimator`."""
@@ -170,7 +170,7 @@ class PoseEstimator:
 
 
 class ImageEstimator:
-    """The images of each step alone; what moves between two steps goes on so."""
+    """Images of each step alone; the pose is predicted with constant velocity."""
 
     def __init__(self, rig: AnyRig, landmarks: LandmarkMap) -> None:
         self._rig, self._landmarks = rig, landmarks
@@ -184,7 +184,7 @@ class ImageEstimator:
     def add(self, row: MotionRow) -> None:
         """See `Estimator`: not used."""
 
-    def foretell(self, time_s: float) -> Pose | None:
+    def predict_pose(self, time_s: float) -> Pose | None:
         """See `Estimator`."""
         if not self._last or time_s - self._last[-1][0] > MOST_STEADY_S:
             return None
@@ -197,7 +197,7 @@ class ImageEstimator:
         return Pose("map", pose.from_frame, turn @ pose.R, pose.t + share * (pose.t - other.t))
 
     def carried(self, time_s: float, then_s: Sequence[float]) -> tuple[Pose, ...] | None:
-        """See `Estimator`: the rig goes on as it moved between the last two steps."""
+        """See `Estimator`: constant velocity of the last two steps."""
         if len(self._last) < 2 or time_s - self._last[0][0] > MOST_STEADY_S:
             return None
         (before, a), (after, b) = self._last
@@ -221,7 +221,7 @@ class ImageEstimator:
         return Estimate(found.status, poses[0], covariances[0], found.inliers, found.outliers, anew)
 
     def _jumps(self, time_s: float, T_map_left: Pose) -> bool:
-        """Whether no robot gets there so fast; after `MOST_STEADY_S` it was carried, and is believed."""
+        """Whether the motion is too fast for a robot; after `MOST_STEADY_S` it is accepted as carried."""
         if not self._last or time_s - self._last[-1][0] > MOST_STEADY_S:
             return False
         before, last = self._last[-1]
@@ -231,7 +231,7 @@ class ImageEstimator:
 
 
 def floor_covariance(C: FloatArray) -> FloatArray:
-    """(6,6) of (3,3) of x, y, heading; height and level are known as of a robot on wheels."""
+    """(6,6) covariance from (3,3) of x, y, heading; height and tilt as for a robot on wheels."""
     six = np.diag([0.0, 0.0, _FLOOR.height_sigma**2, _FLOOR.tilt_sigma**2, _FLOOR.tilt_sigma**2, 0.0])
     places = np.array([0, 1, 5])
     six[places[:, None], places[None]] = C
@@ -239,7 +239,7 @@ def floor_covariance(C: FloatArray) -> FloatArray:
 
 
 def largest_sigma_m(C: FloatArray) -> float:
-    """Standard deviation along the least known direction, meters, of a (6,6) covariance."""
+    """Standard deviation along the least certain direction, meters, of a (6,6) covariance."""
     return math.sqrt(max(float(np.linalg.eigvalsh(C[:3, :3])[-1]), 0.0))
 
 

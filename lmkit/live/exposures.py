@@ -1,4 +1,4 @@
-"""When the cameras of a rig expose, and how the rig has moved by then."""
+"""Exposure times of a rig's cameras, and the motion of the rig until each exposure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.live.estimators import Estimator
 from lmkit.mapping.carried_cameras import TOGETHER_S as EXACT_S
 
-TOGETHER_S = 0.02  # stamps of arrival that differ by less are of one exposure: transport takes as much
+TOGETHER_S = 0.02  # arrival stamps that differ by less are of one exposure: transport delays vary by this much
 MOST_APART_S = 0.1  # older images are of another frame
 
 
@@ -32,7 +32,7 @@ class Exposures:
     ) -> tuple[tuple[Pose, ...], frozenset[int]]:
         """Motion of the rig until each camera exposes, T_left_left; empty where all expose at ``time_s``.
 
-        And the cameras that must be left out, since nothing says how the rig moved.
+        And the cameras that must be left out, since the motion of the rig is unknown.
         """
         apart = frozenset(k for k, then in enumerate(then_s) if abs(then - time_s) >= EXACT_S)
         moved = estimator.carried(time_s, then_s) if apart else ()

@@ -1,4 +1,4 @@
-"""Images of all cameras at one time, with the motion rows up to it; and the interface of what gives them."""
+"""Images of all cameras at one time, with the motion rows up to it; and the interface of feeds."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class FrameGroup:
 
 
 class Feed(Protocol):
-    """Interface of what gives the loop its frames.
+    """Interface of a source of frames for the loop.
 
     Attributes:
-        is_live: images come by themselves and age; else each is kept until it is asked for.
+        is_live: images arrive by themselves and become stale; else each is kept until it is requested.
     """
 
     is_live: bool

@@ -1,4 +1,4 @@
-"""The newest images of all cameras, together where they were taken together."""
+"""The newest images of all cameras, grouped by time."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class LiveFeed:
         return all(reader.has_ended for reader in self._readers)
 
     def _ready(self) -> bool:
-        """All cameras that work have an image, of one time; or the others have been waited for."""
+        """Whether all working cameras have an image of one time, or the waiting time is over."""
         stamps = [reader.peek() for reader in self._readers if reader.works]
         known = [stamp for stamp in stamps if stamp is not None]
         if not known:
@@ -85,7 +85,7 @@ class LiveFeed:
         for reader, count in zip(self._readers, self._counts, strict=True):
             taken = reader.take()
             events += reader.events()
-            # An image of another time would be read from another place.
+            # An image of another time was taken at another pose.
             if taken is None or newest - taken[0] > MOST_APART_S or len(taken[1]) != count:
                 images += [None] * count
                 stamps += [newest] * count

@@ -1,4 +1,4 @@
-"""One step of a live run: search, filter, decide; everything else (threads, outputs) is around it."""
+"""One step of a live run: search, filter, decide.  Threads and outputs are in other modules."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class LoopSettings:
     """Settings of the loop.
 
     Attributes:
-        motion: ``wheels``, ``pose`` or ``none``: what moves the filter between images.
+        motion: ``wheels``, ``pose`` or ``none``: odometry that predicts the pose between images.
         profile: of the detector.
         budget_s: of the latency; 0: none.
-        rule: what a pose must show to be published.
+        rule: conditions for the publication of a pose.
     """
 
     motion: str = "none"
@@ -185,18 +185,18 @@ class LiveLoop:
                 )
             )
         sure = self._status == PoseStatus.OK
-        foretold = self._estimator.foretell(group.time_s) if sure else None
+        predicted = self._estimator.predict_pose(group.time_s) if sure else None
         whole: frozenset[int] = frozenset()
-        if foretold is None:
+        if predicted is None:
             self._whole_at = group.time_s
         elif group.time_s - self._whole_at >= WHOLE_EVERY_S / len(self._names):
             whole, self._whole_at = frozenset([self._turn % len(self._names)]), group.time_s
             self._turn += 1
-        poses = None if foretold is None else self._by_camera(foretold, carried)
+        poses = None if predicted is None else self._by_camera(predicted, carried)
         views = self._search.views(group.images, group.stamps_s, poses, whole, profile)
-        # Where nothing is expected, odometry goes on alone for a while; without it there is nothing else to go by.
-        foretells = self.settings.motion == "none" or any(view.expected for view in views)
-        if foretold is None or not foretells or any(view.detections for view in views):
+        # If no landmark is expected, odometry alone is used for a while, if there is odometry.
+        expects_landmarks = self.settings.motion == "none" or any(view.expected for view in views)
+        if predicted is None or not expects_landmarks or any(view.detections for view in views):
             return views
         return self._search.again(views, profile)
 
@@ -207,7 +207,7 @@ class LiveLoop:
     def _with_expected(
         self, views: tuple[CameraView, ...], estimate: Estimate, left_out: frozenset[int], carried: Sequence[Pose]
     ) -> tuple[tuple[CameraView, ...], tuple[LandmarkId, ...]]:
-        """The views with the map's landmarks where the pose puts them; and what is plainly in view but not read.
+        """The views with the predicted landmarks; and landmarks that are clearly in view but not read.
 
         Predictions stay where landmarks confirmed the pose.
         """
@@ -231,7 +231,7 @@ class LiveLoop:
     def _plainly_in_view(
         self, views: tuple[CameraView, ...], estimate: Estimate, carried: Sequence[Pose]
     ) -> list[tuple[LandmarkId, ...]]:
-        """Landmarks plainly in view of each camera that reads nothing, while others confirm the pose."""
+        """Landmarks clearly in view of each camera that reads nothing, while others confirm the pose."""
         if estimate.T_map_base is None or len(estimate.inliers) <= len(estimate.outliers):
             return [()] * len(views)
         poses = self._by_camera(self._left_camera(estimate.T_map_base), carried)

@@ -14,7 +14,7 @@ from lmkit.errors import InputError
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 HEARTBEAT_S = 1.0
 MESSAGES = ("vision", "odometry", "both")
-MOST_READ = 200  # messages in one go, so that a flood holds nothing up
+MOST_READ = 200  # messages at once, so that a flood does not block the loop
 _HINT = "such as mavlink:udpout:127.0.0.1:14550, mavlink:udpin:0.0.0.0:14551 or mavlink:/dev/ttyTHS1?baud=921600"
 
 

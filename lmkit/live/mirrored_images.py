@@ -1,4 +1,4 @@
-"""Mirrored images of a live camera: while no pose agrees with what is seen, the mirror is asked for."""
+"""Mirrored images of a live camera: tested while no pose agrees with the detections."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import RigFrame
 
 ENOUGH = 3  # frames without a pose that show landmarks
-AGAIN_S = 1.0  # between two questions, which take some milliseconds a frame
+AGAIN_S = 1.0  # between two tests, which take some milliseconds per frame
 
 NAMED_S = 10.0  # a camera is named again after so long
 
 
 class MirroredImages:
-    """Remembers the last frames of every camera that gave no pose, and says whether they are mirrored.
+    """Keeps the last frames without a pose of every camera, and tests whether they are mirrored.
 
     Attributes:
         sentence: about the mirrored camera, until a pose is published again; else empty.
@@ -35,7 +35,7 @@ class MirroredImages:
         self.sentence = ""
 
     def add(self, time_s: float, seen: Sequence[Sequence[Detection]], status: PoseStatus) -> tuple[Event, ...]:
-        """Take what the cameras saw, and the status of the step; an event for each camera newly found mirrored."""
+        """Add the detections and the status of a step; an event for each camera newly found mirrored."""
         if status == PoseStatus.OK:
             for frames in self._frames:
                 frames.clear()
@@ -56,7 +56,7 @@ class MirroredImages:
             cause = find_mirror(list(frames), self._rig, self._map) if len(frames) >= ENOUGH else None
             if cause is not None:
                 stated[name] = f"camera {name}: {cause.text}"
-        # Frames that show less than those before take nothing back.
+        # Frames with fewer landmarks than before do not revoke the result.
         self.sentence = self.sentence or next(iter(stated.values()), "")
         new = {name: text for name, text in stated.items() if time_s - self._named_s.get(name, -NAMED_S) >= NAMED_S}
         self._named_s |= dict.fromkeys(new, time_s)

@@ -16,7 +16,7 @@ from lmkit.live.state import Event
 
 MOST_WAITING = 5000
 FASTEST_MPS, FASTEST_RADPS = 10.0, 12.0
-LONGEST_ROW_S = 2.0  # a row after a longer gap starts anew
+LONGEST_ROW_S = 2.0  # a row after a longer gap is a new start
 WHEELS, GYRO, POSE = "wheels", "gyro", "pose"
 
 
@@ -29,7 +29,7 @@ class MotionRow:
         time_s: in the loop's time.
         values: of a wheels' or gyro's row.
         T_odometry_base: pose in the odometry's own frame, where it has one.
-        T_smooth_base: that pose in a frame of which no jump is left, for the filter.
+        T_smooth_base: that pose with jumps removed, for the filter.
     """
 
     kind: str
@@ -40,7 +40,7 @@ class MotionRow:
 
 
 class MotionInbox:
-    """Rows from other threads until the loop takes them; what cannot be is refused and named."""
+    """Rows from other threads until the loop takes them; impossible values are refused and named."""
 
     def __init__(self) -> None:
         self._rows: deque[MotionRow] = deque(maxlen=MOST_WAITING)
@@ -79,7 +79,7 @@ class MotionInbox:
         self.add(MotionRow(WHEELS, time_s, (forward, turn), pose))
 
     def add_pose(self, time_s: float, T_odometry_base: Pose) -> None:
-        """Take a pose of odometry through space; where it jumps, the robot is taken to have stood."""
+        """Take a 3D pose of odometry; at a jump, the robot is assumed to have stood still."""
         before = self._pose
         smooth = T_odometry_base
         if before is not None:

@@ -1,4 +1,4 @@
-"""Search for landmarks in live images: whole images until located, then windows where the filter foretells them.
+"""Search for landmarks in live images: whole images until located, then windows around their predicted places.
 
 Where the windows of all cameras show nothing, the rig is elsewhere, or something hides them: whole images tell.
 """
@@ -50,8 +50,8 @@ class Search:
         """Detections of every camera.
 
         Args:
-            poses: T_map_left at the exposure of every camera, foretold; None: everything is searched.
-            whole: cameras whose whole image is searched whatever is foretold.
+            poses: T_map_left at the exposure of every camera, predicted; None: whole images are searched.
+            whole: cameras whose whole image is searched in any case.
         """
         views = []
         for k, (image, stamp, camera) in enumerate(zip(images, stamps_s, self._cameras, strict=True)):

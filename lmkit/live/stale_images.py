@@ -1,7 +1,7 @@
 """Old images that a camera repeats: corners stand still while odometry or the other cameras say the robot moves.
 
 A feed that encodes an old image anew gives other bytes every time, so bytes tell nothing.  Corners do: from where a
-landmark was, the motion since foretells how far its corners move.  Odometry alone says so here, never the filter,
+landmark was, the motion since then predicts how far its corners move.  Odometry alone says so here, never the filter,
 which the old image pulls.
 """
 

@@ -152,9 +152,7 @@ class _Search:
     poses: list[Pose | None] = field(init=False)
     placed: dict[LandmarkId, MappedLandmark] = field(init=False)
     recorded: RecordedObservations = field(init=False)
-    tries: dict[int, int] = field(
-        default_factory=dict
-    )  # of a frame: placed landmarks with which it could not be located
+    tries: dict[int, int] = field(default_factory=dict)  # placed landmarks of a frame when it last failed
 
     def __post_init__(self) -> None:
         self.recorded = RecordedObservations(self.frames, self.rig)

@@ -22,7 +22,13 @@ from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.joint_survey import JointSurvey
 from lmkit.mapping.landmark_support import KeptOut, doubtful_landmarks
-from lmkit.mapping.moved_known_landmarks import KnownView, find_moved, moved_threshold, stands, still
+from lmkit.mapping.moved_known_landmarks import (
+    KnownView,
+    find_moved,
+    is_at_known_place,
+    moved_threshold,
+    unmoved_covariance,
+)
 from lmkit.mapping.moved_landmark import MovedLandmark
 from lmkit.mapping.moved_landmarks import split_tests
 from lmkit.mapping.observation_noise import noise_factor
@@ -70,7 +76,7 @@ class JointSolver:
         for problem in self.problems:
             problem.anchors, problem.constraints = {}, ()
 
-    def give_back(self) -> None:
+    def restore_anchors(self) -> None:
         """Give every recording the anchors of its own frame again, so that it can be joined with others."""
         for problem, (anchors, constraints) in zip(self.problems, self.own_knowledge, strict=True):
             problem.anchors, problem.constraints = anchors, constraints
@@ -220,7 +226,7 @@ class JointSolver:
         back = set()
         for number, version in enumerate(self.group.versions):
             rows = unknowns_of([number], 6)
-            if version.id in self.released and stands(
+            if version.id in self.released and is_at_known_place(
                 self.known[version.id], version.R, version.p, noise * C[np.ix_(rows, rows)], len(self.known)
             ):
                 back.add(version.id)
@@ -286,7 +292,7 @@ class JointSolver:
         d = np.concatenate([va.p - vb.p, rotation_log(va.R @ vb.R.T)])
         ra, rb = unknowns_of([a], 6), unknowns_of([b], 6)
         both = C[np.ix_(ra, ra)] + C[np.ix_(rb, rb)] - C[np.ix_(ra, rb)] - C[np.ix_(rb, ra)]
-        return float(d @ np.linalg.solve(self.noise * both + still(), d))
+        return float(d @ np.linalg.solve(self.noise * both + unmoved_covariance(), d))
 
     def results(self, left_out: Mapping[str, str], keep_doubtful: bool = False) -> JointSurvey:
         """Map, recordings and warnings; covariances include the noise factors of the observations."""

@@ -10,7 +10,7 @@ import numpy as np
 from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem
-from lmkit.mapping.moved_known_landmarks import KnownTest, KnownView, find_moved, is_exact, stands
+from lmkit.mapping.moved_known_landmarks import KnownTest, KnownView, find_moved, is_at_known_place, is_exact
 from lmkit.mapping.observation_noise import noise_factor
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.model.landmark_id import LandmarkId
@@ -114,4 +114,4 @@ def _stands(solved: SolvedRecording, anchor: Anchor, known: Collection[LandmarkI
         return bool(np.linalg.norm(T.t - p) < NEAR_M) and rotation_angle(T.R @ R.T) < NEAR_RAD
     rows = slice(problem.own + 6 * k, problem.own + 6 * k + 6)
     C = problem.stated_equations(noise_factor([problem]))[0].covariances()[1][rows, rows]
-    return stands(anchor, R, p, C, len(set(known) & set(problem.landmark_ids)))
+    return is_at_known_place(anchor, R, p, C, len(set(known) & set(problem.landmark_ids)))

@@ -62,7 +62,7 @@ def moved_threshold(tests: int) -> float:
     return float(chdtri(6, LEVEL / max(tests, 1)))
 
 
-def still() -> FloatArray:
+def unmoved_covariance() -> FloatArray:
     """Covariance (6,6) of the pose of a landmark that nobody moved, from one recording to the next."""
     return np.diag([STILL_M**2] * 3 + [STILL_RAD**2] * 3)
 
@@ -117,7 +117,7 @@ def is_surveyed(anchor: Anchor) -> bool:
     return C is not None and not is_exact(anchor) and bool(np.trace(C[:3, :3]) < SURVEYED_M**2)
 
 
-def stands(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, tests: int) -> bool:
+def is_at_known_place(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, tests: int) -> bool:
     """Whether a landmark, solved without its known place, is at this place within the errors.
 
     Args:
@@ -127,7 +127,7 @@ def stands(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, tests: i
     known = EXACT * np.eye(6) if anchor.covariance is None else anchor.covariance
     T = anchor.landmark.T_map_landmark
     e = np.concatenate([T.t - p, rotation_log(T.R @ R.T)])
-    return float(e @ np.linalg.solve(known + C + still(), e)) <= moved_threshold(tests)
+    return float(e @ np.linalg.solve(known + C + unmoved_covariance(), e)) <= moved_threshold(tests)
 
 
 def anchor_chi2(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, noise: float) -> float:
@@ -149,7 +149,7 @@ def anchor_chi2(anchor: Anchor, R: FloatArray, p: FloatArray, C: FloatArray, noi
     without = np.linalg.inv(else_known)
     # The pose from all is the mean of the two, weighted by their information.
     e = off + without @ known @ off
-    return float(e @ np.linalg.solve(anchor.covariance + noise * without + still(), e))
+    return float(e @ np.linalg.solve(anchor.covariance + noise * without + unmoved_covariance(), e))
 
 
 def with_left_out(

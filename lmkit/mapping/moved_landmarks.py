@@ -22,7 +22,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.mapping.bundle_adjustment import BundleProblem
 from lmkit.mapping.joint_adjustment import JointProblem
-from lmkit.mapping.moved_known_landmarks import LEAST_SEEN, still, with_left_out
+from lmkit.mapping.moved_known_landmarks import LEAST_SEEN, unmoved_covariance, with_left_out
 from lmkit.mapping.recording_group import Version
 from lmkit.model.landmark_information import LandmarkInformation
 from lmkit.optim.information_sum import unknowns_of
@@ -86,6 +86,6 @@ def _drop(part: LandmarkInformation, row: int, H: FloatArray, b: FloatArray, row
         solved = np.linalg.solve(H, np.column_stack([across.T, b]))
         S = part.H[own, own] - across @ solved[:, :6]
         e = np.linalg.solve(S, part.b[own] - across @ solved[:, 6])
-        return float(e @ np.linalg.solve(noise * np.linalg.inv(S) + still(), e))
+        return float(e @ np.linalg.solve(noise * np.linalg.inv(S) + unmoved_covariance(), e))
     except np.linalg.LinAlgError:
         return 0.0

@@ -171,6 +171,6 @@ def join_surveys(
         contradicted = joint.contradicted_recordings()
         if not contradicted:
             return joint.results(left_out, keep_doubtful)
-        joint.give_back()
+        joint.restore_anchors()
         left_out |= contradicted
         lone = [one for one in group.lone if one.name not in contradicted]

@@ -88,7 +88,7 @@ class RigFilter:
         """(6,) estimated errors of the odometry, as `motion.PARAMETERS`."""
         return self._x[3:].copy() if self._time is not None else np.array(NOMINAL)
 
-    def foretell(self, time_s: float) -> Pose | None:
+    def predict_pose(self, time_s: float) -> Pose | None:
         """Predicted T_map_left at ``time_s`` from the odometry so far; None before the first fix; changes nothing."""
         if self._time is None:
             return None

@@ -155,7 +155,7 @@ class PoseFilter:
         self._exposures.clear()
         return self._pose(time_s, found.outliers, True)
 
-    def foretell(self, time_s: float) -> Pose | None:
+    def predict_pose(self, time_s: float) -> Pose | None:
         """Predicted T_map_left at ``time_s`` from the odometry so far; None before the first fix; changes nothing."""
         if self._time is None:
             return None

@@ -111,7 +111,7 @@ def test_rendered_images_give_poses_and_windows_are_searched():
 
 
 def test_whole_images_are_searched_at_once_where_windows_show_nothing(monkeypatch):
-    """Without odometry: the robot is elsewhere than foretold, and what is in view is still read."""
+    """Without odometry: the robot is not at the predicted place, and what is in view is still read."""
     course = SimulatedRun(parse_source(CORNERS)).course
     image = np.zeros((*course.rig.left.image_size[::-1], 3), np.uint8)
     places = [course.T_map_base(t) for t in (1.0, 1.1, 6.0)]

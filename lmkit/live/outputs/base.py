@@ -13,7 +13,7 @@ from lmkit.live.state import Event, Health, LiveState
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
 LONGEST_QUEUE = 32
-LONGEST_HOLD_S = 60.0  # for a recording of what does not age
+LONGEST_HOLD_S = 60.0  # for recorded input, which does not become stale
 
 
 class OutputLost(Exception):
@@ -24,7 +24,7 @@ class Output(Protocol):
     """Interface of an open output."""
 
     def send(self, state: LiveState) -> bool:
-        """Write one step; False where this output has nothing to say of it.
+        """Write one step; False if this output sends nothing for it.
 
         Raises:
             OutputLost: its peer or its file is gone.
@@ -35,12 +35,12 @@ class Output(Protocol):
 
 
 class OutputRunner:
-    """Sends steps to an output without ever holding up the loop.
+    """Sends steps to an output without blocking the loop.
 
     Args:
         name: of the output in messages.
         open_: opens it; raises `OutputLost`.
-        keeps_all: hold the loop up instead of leaving steps out, where images do not age.
+        keeps_all: block the loop instead of dropping steps, if images do not become stale.
     """
 
     def __init__(
