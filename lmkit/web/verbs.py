@@ -6,7 +6,7 @@ import importlib.util
 import json
 import re
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -93,7 +93,7 @@ def plan_unbag(project: Project, body: JobBody) -> Plan:
         )
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", Path(body.source).stem).strip("-")[:60] or "bag"
     words = ["unbag", body.source, "-o", project.unused("drives", stem, "")]
-    return Plan(f"Unpack {body.source}", (_lmkit(words),), shlex.join(["lmkit", *words]))
+    return _one_command(f"Unpack {body.source}", words)
 
 
 def plan_survey(project: Project, body: JobBody) -> Plan:
@@ -126,7 +126,7 @@ def plan_track(project: Project, body: JobBody) -> Plan:
     html, plan, tum = (f"reports/{stem}-track.{kind}" for kind in ("html", "svg", "tum"))
     words += [*_motion(found), *(["--live"] if body.live else []), "--tum", tum, "--plan", plan, "--report", html]
     words.append("--force")
-    return Plan(f"Track {body.source}", (_lmkit(words),), shlex.join(["lmkit", *words]), (html, plan, tum))
+    return _one_command(f"Track {body.source}", words, html, plan, tum)
 
 
 def plan_calibrate(project: Project, body: JobBody) -> Plan:
@@ -135,14 +135,7 @@ def plan_calibrate(project: Project, body: JobBody) -> Plan:
     if not any(pairs["name"] == body.source for pairs in listing(project)["pairs"]):
         raise InputError("no_pairs", f"{body.source[:80]!r} holds no folders left and right", "choose another folder")
     words, report = _calibration(body.source, body.board)
-    return Plan(
-        f"Calibrate from {body.source}",
-        (_lmkit(words),),
-        shlex.join(["lmkit", *words]),
-        (report,),
-        None,
-        ("rig.yaml",),
-    )
+    return replace(_one_command(f"Calibrate from {body.source}", words, report), replaces=("rig.yaml",))
 
 
 def plan_guide(project: Project, body: JobBody) -> Plan:
@@ -204,7 +197,7 @@ def plan_coverage(project: Project, body: JobBody) -> Plan:
     _require_map(project)
     drawing = "reports/coverage.svg"
     words = ["plan", "coverage", *_ground(project, body), "--map", "map.yaml", "-o", drawing, "--force"]
-    return Plan("Coverage of the floor", (_lmkit(words),), shlex.join(["lmkit", *words]), (drawing,))
+    return _one_command("Coverage of the floor", words, drawing)
 
 
 def plan_place(project: Project, body: JobBody) -> Plan:
@@ -212,8 +205,8 @@ def plan_place(project: Project, body: JobBody) -> Plan:
     mounted = ["--map", "map.yaml"] if (project.root / "map.yaml").is_file() else []
     folder = "reports/mounting"
     words = ["plan", "place", *_ground(project, body), *mounted, "-o", folder, "--no-prints", "--force"]
-    outputs = tuple(f"{folder}/{name}" for name in ("mounting.pdf", "mounting.csv", "plan.png"))
-    return Plan("Sites of the next landmarks", (_lmkit(words),), shlex.join(["lmkit", *words]), outputs)
+    outputs = (f"{folder}/{name}" for name in ("mounting.pdf", "mounting.csv", "plan.png"))
+    return _one_command("Sites of the next landmarks", words, *outputs)
 
 
 def plan_sheet(project: Project, body: JobBody) -> Plan:
@@ -222,7 +215,7 @@ def plan_sheet(project: Project, body: JobBody) -> Plan:
     floor = _floor(project)
     words = ["plan", "sheet", "--map", "map.yaml", *(["--floor", floor] if floor else [])]
     words += ["-o", "reports/mounting-sheet.pdf", "--force"]
-    return Plan("Mounting sheet", (_lmkit(words),), shlex.join(["lmkit", *words]), ("reports/mounting-sheet.pdf",))
+    return _one_command("Mounting sheet", words, "reports/mounting-sheet.pdf")
 
 
 def plan_run(project: Project, body: JobBody) -> Plan:
@@ -301,6 +294,11 @@ VERBS = {
     "sheet": plan_sheet,
     "run": plan_run,
 }
+
+
+def _one_command(title: str, words: list[str], *outputs: str) -> Plan:
+    """The plan of a job that is one command of lmkit, and shows it."""
+    return Plan(title, (_lmkit(words),), shlex.join(["lmkit", *words]), outputs)
 
 
 def _lmkit(words: list[str]) -> tuple[str, ...]:

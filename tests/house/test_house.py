@@ -7,6 +7,7 @@ import importlib
 import re
 import subprocess
 import sys
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -159,15 +160,6 @@ def test_no_text_asks_to_install_the_package_of_another_project():
         assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"
 
 
-def test_docstrings_start_with_their_subject():
-    folders = ("benchmarks", "tests", "tools")
-    for path in [*MODULES, *(p for folder in folders for p in (ROOT / folder).rglob("*.py"))]:
-        found = re.search(
-            r'^\s*"""(Of|The same|As|By|Those|What|Where) [^\n]*', path.read_text(encoding="utf-8"), re.MULTILINE
-        )
-        assert found is None, f"{path.relative_to(ROOT)}: {found and found.group()}"
-
-
 def test_no_statement_stands_below_one_that_leaves_its_block():
     leaving = ast.Return | ast.Raise | ast.Continue | ast.Break
     for path in MODULES:
@@ -177,6 +169,7 @@ def test_no_statement_stands_below_one_that_leaves_its_block():
                 assert not below, f"{path.relative_to(ROOT)}:{below[0].lineno} is never reached"
 
 
+@cache
 def names_of(path: Path) -> set[str]:
     """Names that a module defines, assigns or imports."""
     names: set[str] = set()
