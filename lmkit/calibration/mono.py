@@ -24,7 +24,7 @@ from lmkit.calibration.sanity_checks import (
     require_explained,
     require_views,
 )
-from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage
+from lmkit.calibration.view_coverage import ENOUGH_CELLS, LEAST_VIEWS, camera_coverage, covered_share
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_models import LENS_MODELS
@@ -71,6 +71,11 @@ class CameraCalibration:
             f"{counted(len(self.warnings), 'warning')})"
         )
 
+    @property
+    def covered(self) -> float:
+        """Share of the image, as far as it can show a board, in which corners were seen."""
+        return covered_share(self.coverage, self.rig.left)
+
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON values; docs/formats.md lists the keys."""
         return {
@@ -81,7 +86,7 @@ class CameraCalibration:
             "warnings": [{"code": w.code, "message": w.message, "images": list(w.pairs)} for w in self.warnings],
             "model": self.rig.left.model,
             "models": self.models,
-            "coverage": {"image": float(self.coverage.mean()), "next_views": list(self.advice)},
+            "coverage": {"image": self.covered, "next_views": list(self.advice)},
         }
 
 
@@ -145,7 +150,7 @@ def calibrate_camera(
     require_views(len(best.rows), [*rejected, *bad], MIN_VIEWS, "images")
     kept = [alone[k] for k in best.rows]
     s = best.solution
-    cells, advice = camera_coverage([view.left for view in kept], s.rotations, s.translations, image_size)
+    cells, advice = camera_coverage([view.left for view in kept], s.rotations, s.translations, s.left)
     assert s.covariance is not None
     count = len(intrinsics_vector(s.left))
     known = sigma_and_correlation(s.covariance[:count, :count])
@@ -245,8 +250,8 @@ def _warnings(
         warnings.append(CalibrationWarning("bowed_board", message))
     if count < LEAST_VIEWS:
         warnings.append(CalibrationWarning("few_images", f"only {count} images; take {LEAST_VIEWS} to 30"))
-    if cells.mean() < ENOUGH_CELLS:
-        message = f"the board covers {100 * cells.mean():.0f} % of the image; distortion is extrapolated elsewhere"
+    if (covered := covered_share(cells, camera.model)) < ENOUGH_CELLS:
+        message = f"the board covers {100 * covered:.0f} % of the image; distortion is extrapolated elsewhere"
         warnings.append(CalibrationWarning("coverage", message))
     return warnings
 

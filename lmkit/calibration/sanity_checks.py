@@ -335,9 +335,7 @@ def beyond_model(camera: CameraModel) -> float:
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, 24), np.linspace(0, height - 1, 18))
     pixels = np.column_stack([u.ravel(), v.ravel()])
-    off_axis_rad = np.linalg.norm((pixels - camera.K[:2, 2]) / np.diag(camera.K)[:2], axis=1)
-    aside = camera.lens.is_equidistant & (off_axis_rad >= np.pi / 2)
-    return float((~camera.reaches(pixels) & ~aside).mean())
+    return float((~camera.reaches(pixels) & camera.is_ahead(pixels)).mean())
 
 
 def horizontal_field_deg(camera: CameraModel) -> float | None:

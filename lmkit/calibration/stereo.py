@@ -37,7 +37,7 @@ from lmkit.calibration.sanity_checks import (
     require_views,
 )
 from lmkit.calibration.uncertainty import DepthError, depth_errors
-from lmkit.calibration.view_coverage import ViewCoverage, coverage_of
+from lmkit.calibration.view_coverage import ViewCoverage, coverage_of, visible_cells
 from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.lens_models import LENS_MODELS
@@ -194,7 +194,8 @@ def calibrate_stereo(
     require_explained(alone, sizes[0], s.left.model)
     require_rigid(together, alone, None if best.held_out is None else best.held_out.mean_epipolar_px)
     rig, baseline_sigma = _rig_of(s)
-    coverage = coverage_of(kept, s.rotations, s.translations, *sizes)
+    visible = (visible_cells(s.left), visible_cells(s.right))
+    coverage = coverage_of(kept, s.rotations, s.translations, *sizes, visible)
     half = float(np.ptp(object_points[:, :2], axis=0).max()) / 2
     warnings = check_calibration(
         rig,

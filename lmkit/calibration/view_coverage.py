@@ -18,6 +18,7 @@ LEAST_TILTED = 2  # views tilted each way
 LEAST_NEARER = 1.5  # farthest over nearest view
 ENOUGH_CELLS = 0.8
 LEAST_VIEWS = 10
+ALL_CELLS: BoolArray = np.ones((CELLS, CELLS), dtype=bool)
 _ROWS = ("top", "upper middle", "middle", "lower middle", "bottom")
 _COLUMNS = ("left", "middle left", "middle", "middle right", "right")
 
@@ -72,6 +73,7 @@ class ViewCoverage:
             where the board's right edge, or its lower edge, is nearer.
         advice: views to take next, the most wanted first.
         wanted: the first of them; None where none is wanted.
+        visible: (5,5) cells of the left image and of the right that can show a board.
     """
 
     cells: tuple[BoolArray, BoolArray]
@@ -79,16 +81,26 @@ class ViewCoverage:
     tilts_deg: FloatArray
     advice: tuple[str, ...]
     wanted: WantedView | None = None
+    visible: tuple[BoolArray, BoolArray] = (ALL_CELLS, ALL_CELLS)
 
     def filled(self, side: int) -> float:
-        """Share of the cells of one camera (0 left, 1 right) in which corners were seen."""
-        return float(self.cells[side].mean())
+        """Share of the cells of one camera (0 left, 1 right) that can show a board in which corners were seen."""
+        return _share(self.cells[side], self.visible[side])
 
 
 def coverage_of(
-    views: Sequence[PairView], rotations: FloatArray, translations: FloatArray, left_size: Size, right_size: Size
+    views: Sequence[PairView],
+    rotations: FloatArray,
+    translations: FloatArray,
+    left_size: Size,
+    right_size: Size,
+    visible: tuple[BoolArray, BoolArray] = (ALL_CELLS, ALL_CELLS),
 ) -> ViewCoverage:
-    """ViewCoverage of the pairs, with the board's poses (P,3,3), (P,3) in the left camera; sizes: (width, height)."""
+    """ViewCoverage of the pairs, with the board's poses (P,3,3), (P,3) in the left camera; sizes: (width, height).
+
+    Args:
+        visible: cells of the images that can show a board, once the lenses are known; see :func:`visible_cells`.
+    """
     cells = tuple(
         filled_cells(np.concatenate([np.zeros((0, 2)), *(getattr(view, side) for view in views)]), size)
         for side, size in (("left", left_size), ("right", right_size))
@@ -98,8 +110,9 @@ def coverage_of(
     normals = rotations[:, :, 2] * np.sign(rotations[:, 2, 2])[:, None]
     tilts = np.rad2deg(np.arctan2(normals[:, :2], normals[:, 2:]))
     both = (cells[0], cells[1])
-    wanted = _wanted(dict(zip(("left ", "right "), both, strict=True)), distances, tilts)
-    return ViewCoverage(both, distances, tilts, tuple(words for words, _ in wanted), wanted[0][1] if wanted else None)
+    wanted = _wanted(dict(zip(("left ", "right "), zip(both, visible, strict=True), strict=True)), distances, tilts)
+    advice = tuple(words for words, _ in wanted)
+    return ViewCoverage(both, distances, tilts, advice, wanted[0][1] if wanted else None, visible)
 
 
 def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
@@ -110,8 +123,28 @@ def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
     return cells
 
 
-def _wanted(cells: Mapping[str, BoolArray], distances: FloatArray, tilts: FloatArray) -> list[tuple[str, WantedView]]:
-    """Views to take next, in words and as places in the image."""
+def visible_cells(camera: CameraModel) -> BoolArray:
+    """(5,5) False for cells whose middle a wide fisheye lens leaves dark, or uses for what is beside the camera."""
+    width, height = camera.image_size
+    x, y = np.meshgrid(
+        (np.arange(CELLS) + 0.5) / CELLS * width - 0.5, (np.arange(CELLS) + 0.5) / CELLS * height - 0.5
+    )
+    return camera.is_ahead(np.column_stack([x.ravel(), y.ravel()])).reshape(CELLS, CELLS)
+
+
+def covered_share(cells: BoolArray, camera: CameraModel) -> float:
+    """Share of the (5,5) cells that can show a board in which corners were seen."""
+    return _share(cells, visible_cells(camera))
+
+
+def _share(seen: BoolArray, visible: BoolArray) -> float:
+    return float(seen[visible].mean()) if visible.any() else 0.0
+
+
+def _wanted(
+    cells: Mapping[str, tuple[BoolArray, BoolArray]], distances: FloatArray, tilts: FloatArray
+) -> list[tuple[str, WantedView]]:
+    """Views to take next, in words and as places in the image; of cells that were seen, and that can be."""
     wanted = []
     for name, axis, toward in (("left", 0, -1), ("right", 0, 1), ("upper", 1, -1), ("lower", 1, 1)):
         count = int((toward * tilts[:, axis] > TILTED_DEG).sum())
@@ -119,9 +152,9 @@ def _wanted(cells: Mapping[str, BoolArray], distances: FloatArray, tilts: FloatA
             tilt = toward * TILT_WANTED_DEG
             view = WantedView(tilt_deg=(tilt, 0.0) if axis == 0 else (0.0, tilt))
             wanted.append((f"the board tilted by 30 to 45 deg, its {name} edge nearer", view))
-    for side, (camera, seen) in enumerate(cells.items()):
-        if seen.mean() < ENOUGH_CELLS:
-            place, center = _emptiest(seen)
+    for side, (camera, (seen, visible)) in enumerate(cells.items()):
+        if _share(seen, visible) < ENOUGH_CELLS:
+            place, center = _emptiest(seen, visible)
             view = WantedView(side, center, 0.55 if place == "middle" else 0.4)
             wanted.append((f"the board in the {place} of the {camera}image", view))
     if len(distances) and distances.max() < LEAST_NEARER * distances.min():
@@ -132,7 +165,7 @@ def _wanted(cells: Mapping[str, BoolArray], distances: FloatArray, tilts: FloatA
 
 
 def camera_coverage(
-    points: Sequence[FloatArray], rotations: FloatArray, translations: FloatArray, image_size: tuple[int, int]
+    points: Sequence[FloatArray], rotations: FloatArray, translations: FloatArray, camera: CameraModel
 ) -> tuple[BoolArray, tuple[str, ...]]:
     """(5,5) cells of one camera's image in which corners were seen, and the views to take next.
 
@@ -140,22 +173,24 @@ def camera_coverage(
         points: corners of every view, pixels.
         rotations, translations: (P,3,3), (P,3) of the board in the camera.
     """
-    cells = filled_cells(np.concatenate([np.zeros((0, 2)), *points]), image_size)
+    cells = filled_cells(np.concatenate([np.zeros((0, 2)), *points]), camera.image_size)
     normals = rotations[:, :, 2] * np.sign(rotations[:, 2, 2])[:, None]
     tilts = np.rad2deg(np.arctan2(normals[:, :2], normals[:, 2:]))
-    wanted = _wanted({"": cells}, np.linalg.norm(translations, axis=1), tilts)
+    wanted = _wanted({"": (cells, visible_cells(camera))}, np.linalg.norm(translations, axis=1), tilts)
     return cells, tuple(words for words, _ in wanted)
 
 
-def _emptiest(seen: BoolArray) -> tuple[str, tuple[float, float]]:
+def _emptiest(seen: BoolArray, visible: BoolArray) -> tuple[str, tuple[float, float]]:
     """The 2 x 2 cells, of the image's four corners and its middle, with the fewest seen; their name and center."""
+
+    def share(*block: slice) -> float:
+        return _share(seen[block], visible[block]) if visible[block].any() else 1.0
+
     near, far = 1 / CELLS, 1 - 1 / CELLS
     places = {
-        (f"{_ROWS[r]} {_COLUMNS[c]} corner", (near if c == 0 else far, near if r == 0 else far)): seen[
-            rows, columns
-        ].mean()
+        (f"{_ROWS[r]} {_COLUMNS[c]} corner", (near if c == 0 else far, near if r == 0 else far)): share(rows, columns)
         for r, rows in ((0, slice(0, 2)), (4, slice(3, 5)))
         for c, columns in ((0, slice(0, 2)), (4, slice(3, 5)))
     }
-    places["middle", (0.5, 0.5)] = seen[1:4, 1:4].mean()
+    places["middle", (0.5, 0.5)] = share(slice(1, 4), slice(1, 4))
     return min(places, key=lambda place: places[place])

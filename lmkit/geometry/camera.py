@@ -123,6 +123,19 @@ class CameraModel:
         back = self.project(np.column_stack([np.where(finite[:, None], rays, 0.0), np.ones(len(rays))]))
         return np.asarray(finite & (np.linalg.norm(back - pixels, axis=1) < REACHED_PX))
 
+    def is_ahead(self, pixels: FloatArray) -> BoolArray:
+        """(N,) False where a wide fisheye lens looks 90 deg or more off its axis, or shows the dark around its image.
+
+        Such pixels have no ray in front of the camera.
+        """
+        if not self.lens.is_equidistant:
+            return np.ones(len(pixels), dtype=bool)
+        turned = np.linspace(0.0, np.pi / 2, 91)
+        along = self.project(np.column_stack([np.sin(turned), np.zeros(91), np.cos(turned)]))[:, 0]
+        radii = (along - self.K[0, 2]) / self.K[0, 0]
+        edge = min(radii[-1], np.pi / 2) if (np.diff(radii) > 0).all() else np.pi / 2
+        return np.asarray(np.linalg.norm((pixels - self.K[:2, 2]) / np.diag(self.K)[:2], axis=1) < edge)
+
     def require_size(self, name: str, size: tuple[int, int]) -> None:
         """Refuse an image of another size than the calibration.
 

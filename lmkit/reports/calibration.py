@@ -125,7 +125,9 @@ def _coverage(result: StereoCalibration) -> str:
     c, sizes = result.coverage, (result.rig.left.image_size, result.rig.right.image_size)
     figures = [
         (
-            plots.corner_cover(np.concatenate([getattr(v, side) for v in result.used]), c.cells[k], sizes[k], color),
+            plots.corner_cover(
+                np.concatenate([getattr(v, side) for v in result.used]), c.cells[k] | ~c.visible[k], sizes[k], color
+            ),
             f"{side.capitalize()} camera: corners of all pairs. Red: no corner there. "
             f"{100 * c.filled(k):.0f}\u00a0% of the image covered.",
         )

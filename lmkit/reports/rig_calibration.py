@@ -10,6 +10,7 @@ from lmkit.arrays import FloatArray
 from lmkit.calibration.intrinsics import intrinsics_vector
 from lmkit.calibration.several_cameras import RigCalibration
 from lmkit.calibration.uncertainty import NEAR_M, projection_uncertainty
+from lmkit.calibration.view_coverage import visible_cells
 from lmkit.geometry.rig import MountedCamera
 from lmkit.model.board import BoardSpec
 from lmkit.reports import calibration_plots as plots
@@ -88,7 +89,7 @@ def _cameras(result: RigCalibration) -> str:
         size = "{} x {}".format(*mounted.model.image_size)
         cells = [mounted.name, mounted.model.model, size, str(len(camera.used)), str(len(camera.rejected)), held]
         joint = [f"{rms_px:.3f}"] if several else []
-        rows.append([*cells, f"{camera.rms_px:.3f}", *joint, f"{100 * camera.coverage.mean():.0f} %"])
+        rows.append([*cells, f"{camera.rms_px:.3f}", *joint, f"{100 * camera.covered:.0f} %"])
     fits = ["error alone, px", "error together, px"] if several else ["error of the fit, px"]
     head = ["camera", "lens model", "image size", "images used", "rejected", "held-out error, px", *fits, "covered"]
     note = "Held-out error: mean reprojection error on images that the fit did not use."
@@ -121,9 +122,11 @@ def _ties(result: RigCalibration) -> str:
 def _coverage(result: RigCalibration) -> str:
     figures = [
         (
-            plots.corner_cover(seen.pixels, camera.coverage, mounted.model.image_size, _color(k)),
+            plots.corner_cover(
+                seen.pixels, camera.coverage | ~visible_cells(mounted.model), mounted.model.image_size, _color(k)
+            ),
             f"{_of(mounted, result)}All corners. Red: no corner there. "
-            f"{100 * camera.coverage.mean():.0f}\u00a0% of the image covered.",
+            f"{100 * camera.covered:.0f}\u00a0% of the image covered.",
         )
         for k, (mounted, camera, seen) in enumerate(
             zip(result.rig.cameras, result.cameras, result.corners, strict=True)

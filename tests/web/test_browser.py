@@ -177,6 +177,8 @@ def test_an_errand_from_print_to_map(furnished, open_page, project):
     page.get_by_role("button", name="3D").click()
     page.get_by_role("img", name="landmarks in 3D").wait_for()
     assert _serious(page) == []
+    page.goto(page.url.split("#")[0] + "#/")
+    page.get_by_text("A trajectory through the map").wait_for()  # there are reports, but none of a track
 
 
 def _until(holds) -> None:

@@ -9,12 +9,13 @@ const some = (list, one, several) => `${list.length} ${list.length === 1 ? one :
 export async function show(stage) {
   const p = await api("project");
   const job = h("div");
+  const tracks = p.reports.filter((report) => report.name.endsWith("-track.html"));
   const steps = [
     [p.prints.length > 0, "Print landmarks", p.prints.length ? some(p.prints, "file in prints/", "files in prints/") : "Choose codes and a size; the file is read back before you get it.", "#/prints", "Prints"],
     [p.photos.length > 0, "Check a print", p.photos.length ? some(p.photos, "photograph checked", "photographs checked") : "Photograph one sheet. Scale, colors and sharpness are graded.", "#/check", "Check a print"],
     [p.has.rig, "Calibrate the cameras", p.has.rig ? "rig.yaml is there" : "From photographs or a video of a board.", "#/calibrate", "Calibrate"],
     [p.has.map, "Build the map", p.has.map ? "map.yaml is there" : "Survey a recording: the map comes with its uncertainty.", "#/recordings", "Recordings"],
-    [p.reports.length > 0, "Track the robot", p.reports.length ? some(p.reports, "report in reports/", "reports in reports/") : "A trajectory through the map, with a report.", "#/recordings", "Recordings"],
+    [tracks.length > 0, "Track the robot", tracks.length ? some(tracks, "report in reports/", "reports in reports/") : "A trajectory through the map, with a report.", "#/recordings", "Recordings"],
   ];
   const next = steps.findIndex(([done]) => !done);
   const start = h("button", { type: "button", onclick: async () => {
