@@ -24,7 +24,7 @@ class Term:
     Attributes:
         weight: what one unit of the figure adds to the log odds.
         usual: median of the figure over landmarks that are read right.
-        reason: the word that a rejection gives where this term is the worst.
+        reason: the reason of a rejection for which this term is the worst.
     """
 
     weight: float
@@ -78,15 +78,15 @@ STRICTNESSES = MappingProxyType({"strict": STRICT, "default": DEFAULT, "eager": 
 
 @dataclass(frozen=True, eq=False)
 class ScoredReading:
-    """Decoding of a square, and how it lies in the image.
+    """Decoding of a square, with its size and blur in the image.
 
     Attributes:
         decoding: the decoding.
         side_px: mean side.
         blur_px: standard deviation of the point spread, geometric mean of its axes.
-        is_shaded: read with a shadow taken out.
-        rival_margin: log likelihood ratio against other codes that are fitted too; infinite where none was.
-        covering_margin: against other codes behind an object; infinite where none matters.
+        is_shaded: read after a shadow was removed.
+        rival_margin: log likelihood ratio to other codes that are fitted too; infinite if none was.
+        covering_margin: log likelihood ratio to other codes behind an object; infinite without an object.
     """
 
     decoding: Decoding
@@ -125,7 +125,7 @@ class ScoredReading:
     def log_odds(self) -> float:
         """Score: log odds of being a landmark with the right code.
 
-        They are no more than those against the likeliest rival, and against another code behind an object.
+        At most the margin over the likeliest rival, and over another code behind an object.
         """
         figures = self.figures
         score = BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
@@ -133,12 +133,12 @@ class ScoredReading:
 
     @property
     def is_doubtful(self) -> bool:
-        """Another code may fit as well, once it is fitted too."""
+        """Whether rivals must be fitted: another code may fit as well with its own corners and blur."""
         return self.log_odds < DOUBTFUL and self.decoding.margin < CLEAR_MARGIN
 
     @property
     def shows_object(self) -> bool:
-        """An object before the landmark explains some of its pixels, and may hide a gap."""
+        """Whether an object in front of the landmark explains some of its pixels, and may hide a gap."""
         return self.decoding.foreign > SEEN_OBJECT
 
     @property
@@ -150,7 +150,7 @@ class ScoredReading:
         return min(self.decoding.margin, SHARE_OF_RIVAL_MARGIN * self.rival_margin)
 
     def reason_to_reject(self, rule: AcceptanceRule) -> str | None:
-        """The worst term in one word where the score is too low; None where it is high enough."""
+        """The reason in one word if the score is too low; None if it is high enough."""
         if self.log_odds >= rule.least_log_odds:
             return None
         if self._margin < rule.least_log_odds:
@@ -158,6 +158,6 @@ class ScoredReading:
         if self._behind_object < rule.least_log_odds:
             return "hidden"
         figures = self.figures
-        # The term that takes the most from the score of a usual landmark.
+        # The term that lowers the score most, compared with a usual landmark.
         worst = min(TERMS, key=lambda name: TERMS[name].weight * (figures[name] - TERMS[name].usual))
         return TERMS[worst].reason

@@ -1,7 +1,7 @@
-"""AprilGrids in images: tags first, then every corner as the place where four squares meet.
+"""AprilGrids in images: first the tags, then every corner where four squares meet.
 
-Black squares touch the tags at their corners, so that no tag is a square of its own: dark parts are thinned until
-they part.  What a few tags say of the grid leads to the others.
+Black squares touch the tags at their corners, so no tag is an isolated square: dark parts are eroded until
+they separate.  A few tags give the pose of the grid, from which the others are predicted.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _add(seen: dict[int, TagCandidate], tags: list[TagCandidate], board: BoardSp
 
 
 def _thinned_quads(image: ByteArray, px: int) -> FloatArray:
-    """(N,4,2) dark squares once so many pixels were taken from each of their sides, at the size they have."""
+    """(N,4,2) dark squares after erosion by some pixels on each side, at their original size."""
     light = np.asarray(cv2.dilate(image, np.ones((2 * px + 1, 2 * px + 1), np.uint8)), dtype=np.uint8)
     thinned = LinearImage.of(light)
     quads = find_candidates(thinned.pyramid.levels, (*ACCURATE.sources, DETAILED), TAGS_WHERE, thinned.noise)
@@ -62,7 +62,7 @@ def _thinned_quads(image: ByteArray, px: int) -> FloatArray:
 
 
 def _expected_quads(seen: dict[int, TagCandidate], board: BoardSpec, size: tuple[int, int]) -> FloatArray:
-    """(N,4,2) where tags should be that were not read, as far as they lie in the image."""
+    """(N,4,2) predicted places of tags that were not read, inside the image."""
     points = board.object_points[:, :2].reshape(-1, 4, 2)
     places = [board.codes.index(code) for code in seen]
     H, _ = cv2.findHomography(

@@ -1,8 +1,8 @@
-"""Corners where four squares meet, to a few hundredths of a pixel: three localizers, weighed against each other.
+"""Corners where four squares meet, to a few hundredths of a pixel: weighted mean of three localizers.
 
-The detector's own corners, OpenCV's gradient-based ones and the saddle of a fitted quadratic err differently.  A
-lens distorts a flat board smoothly, so what is left of a localizer's corners after a homography and a
-low polynomial is its noise in this very image; by that it is weighed
+The detector's corners, OpenCV's gradient-based ones and the saddle of a fitted quadratic have different errors.  A
+lens distorts a flat board smoothly, so the residual of a localizer's corners after fitting a homography and a
+polynomial of low degree is its noise in this image; the weights follow from this noise
 (docs/decisions/0005-board-corners.md).
 """
 
@@ -20,7 +20,7 @@ GRADIENT_WINDOW = 0.4  # half width of the windows, in sides of the smallest squ
 SADDLE_WINDOW = 0.3
 HALF_PX = (2, 12)
 SADDLE_STEPS = 8
-SLIP = 0.15  # of a square (and half a pixel): further off, a localizer has slipped to something else
+SLIP = 0.15  # of a square (and half a pixel): with a larger distance, a localizer has found another corner
 _GRADIENT_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
 
 
@@ -34,7 +34,7 @@ def refine_corners(
         corners: (N,2) as detected, px.
         board_points: (N,2) the same on the board.
         square: side of the board's squares, in the unit of ``board_points``.
-        clear: how far around a corner nothing but its four squares is drawn, in sides of a square.
+        clear: radius around a corner in which only its four squares are drawn, in sides of a square.
     """
     side_px = _smallest_side(corners, board_points, square)
     gradient = _by_gradients(gray, corners, _half_window(min(GRADIENT_WINDOW, clear) * side_px))
@@ -50,14 +50,14 @@ def refine_corners(
 
 
 def corner_noise(corners: FloatArray, board_points: FloatArray) -> float:
-    """Standard deviation, px, of what a homography and a polynomial leave of (N,2) corners of a flat board."""
+    """Standard deviation, px, of residuals of (N,2) corners of a flat board to a homography and a polynomial."""
     H, _ = cv2.findHomography(board_points, corners, 0)
     if H is None:
         return np.inf
     left = corners - transform_points(np.asarray(H, dtype=np.float64), board_points)
     spread = board_points - board_points.mean(axis=0)
     x, y = (spread / np.abs(spread).max()).T
-    # As many terms as the corners can tell.
+    # As many terms as the corners determine.
     degree = 3 if len(corners) >= 30 else 2 if len(corners) >= 16 else 0
     terms = np.column_stack([x**a * y**b for a in range(degree + 1) for b in range(degree + 1 - a)])
     left = left - terms @ np.linalg.lstsq(terms, left, rcond=None)[0]
@@ -78,7 +78,7 @@ def _half_window(px: float) -> int:
 
 
 def _by_gradients(gray: ByteArray, corners: FloatArray, half: int) -> FloatArray:
-    """The point that every gradient around it points past at right angles (Foerstner and Guelch 1987)."""
+    """The point to which all gradients around it are perpendicular (Foerstner and Guelch 1987)."""
     refined = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     cv2.cornerSubPix(gray, refined, (half, half), (-1, -1), _GRADIENT_STOP)
     return refined.reshape(-1, 2).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Kinds of boards and patterns in images, where the calibration board that was expected is not."""
+"""Recognition of the board or pattern in images that do not show the expected calibration board."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _DICTIONARIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_10
 
 
 def shown_instead(images: Sequence[ByteArray], expected: str = "") -> tuple[str, str] | None:
-    """Kind of board that most of the images show, and what to do; None where it is not known.
+    """Kind of board that most of the images show, and advice; None if it is not recognized.
 
     Args:
         images: (H,W,3) BGR, 8 bit.

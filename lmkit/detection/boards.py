@@ -56,9 +56,9 @@ def detect_board(image: ByteArray, board: BoardSpec) -> BoardObservation | None:
 def likelier_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec | None:
     """Another board that fits the images better than ``board``, or None.
 
-    A chessboard given too small is found inside the true one without complaint, so the whole board is looked for,
-    whatever its size.  Of a ChArUco board the other layout, a turned one, another first id and the other dictionaries
-    are tried.
+    A chessboard that is specified too small is also found inside the true one, so the whole board is searched,
+    whatever its size.  For a ChArUco board, the other layout, a rotated one, another first id and the other
+    dictionaries are tried.
     """
     grays = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8) for image in images]
     if board.kind == "charuco":
@@ -140,7 +140,7 @@ def _dictionary_size(name: str) -> tuple[str, int]:
 
 
 def _is_within(name: str, dictionary: str) -> bool:
-    """Are all markers of one dictionary in another?  OpenCV's smaller ones are the beginnings of larger ones."""
+    """Whether all markers of one dictionary are in another: OpenCV's smaller ones are prefixes of larger ones."""
     if not re.fullmatch(COUNTED, dictionary):
         return name == dictionary
     (cells, count), (own_cells, own_count) = _dictionary_size(name), _dictionary_size(dictionary)
@@ -163,7 +163,7 @@ def _resized(board: BoardSpec, size: tuple[int, int]) -> BoardSpec:
 
 
 def _are_saddles(gray: ByteArray, points: FloatArray, near: FloatArray, nearer: FloatArray) -> bool:
-    """Do four squares meet at most of ``points``, as they do at the corners of the line before?"""
+    """Whether four squares meet at most of ``points``, as at the corners of the previous line."""
 
     height, width = gray.shape
     if ((points < 2) | (points > np.array([width, height]) - 3)).any():
@@ -176,7 +176,7 @@ def _are_saddles(gray: ByteArray, points: FloatArray, near: FloatArray, nearer: 
 
 
 def _is_chessboard(gray: ByteArray, grid: FloatArray) -> bool:
-    """Do four squares meet at most corners of an (R,C,2) grid, dark and bright in turn?
+    """Whether four squares meet at most corners of an (R,C,2) grid, alternately dark and bright.
 
     Discs set diagonally alternate as squares do, but the gap between two of them is as bright as the paper.
     """
@@ -199,7 +199,7 @@ def _is_chessboard(gray: ByteArray, grid: FloatArray) -> bool:
 def _saddles(
     gray: ByteArray, at: FloatArray, u: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far opposite quadrants around each point are alike and neighbors unlike, with sign; darkest, brightest.
+    """Signed measure of equal opposite quadrants and unequal neighbors around each point; darkest, brightest.
 
     Args:
         u, v: (N,2) sides of the squares at each point, pixels.
@@ -220,9 +220,10 @@ def _saddles(
 def same_orientation(left: BoardObservation, right: BoardObservation, board: BoardSpec) -> BoardObservation:
     """``right`` with its corners in the order of ``left``.
 
-    A chessboard of as many rows as columns, up to an even number, looks alike when turned by half, and its corners
-    when turned by a quarter.  The cameras of a rig see it nearly the same way up, so that order is taken in which the
-    corners lie as those of ``left`` do.  Other chessboards tell by their colors (:func:`detect_board`).
+    A chessboard whose numbers of rows and columns differ by an even number (or by 0) looks the same when rotated by
+    180 deg, and a square one when rotated by 90 deg.  The cameras of a rig see it nearly the same way up, so the
+    order is chosen in which the corners are placed as those of ``left``.  Colors determine the order of other
+    chessboards (:func:`detect_board`).
     """
     columns, rows = board.inner_corners
     if (columns + rows) % 2:

@@ -15,8 +15,8 @@ from lmkit.model.square_marker import SQUARE_FAMILIES, TURNED_BY_OPENCV
 
 LEAST_MARKERS = 3
 BESIDE = 0.75  # squares from a corner to the middles of the two markers beside it, 0.71, and some more
-NEARBY = 2.3  # squares: a lens distorts what lies further away
-AGREEING = 0.3  # of a marker's side, between a marker and where the others say it is
+NEARBY = 2.3  # squares: at larger distances the lens distortion matters
+AGREEING = 0.3  # of a marker's side, between a marker and its place predicted from the others
 
 
 def corners_by_markers(image: ByteArray, board: BoardSpec) -> tuple[IntArray, FloatArray]:
@@ -49,7 +49,7 @@ def corners_by_markers(image: ByteArray, board: BoardSpec) -> tuple[IntArray, Fl
 
 
 def _agreeing(markers: FloatArray, seen: FloatArray, read: BoolArray) -> BoolArray:
-    """(N,) markers that lie where most others say they do."""
+    """(N,) markers at the places predicted from most of the others."""
     agree = np.full(len(markers), False)
     if read.sum() < LEAST_MARKERS:
         return agree

@@ -1,4 +1,4 @@
-"""A reading against other codes of which an object hides the gaps."""
+"""Comparison of a reading with other codes whose gaps an object hides."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ TAKEN_AWAY = 0.5
 def covering_margin(
     image: LinearImage, family: LandmarkFamily, state: FloatArray, decoding: Decoding, pixels: int
 ) -> float:
-    """Log likelihood ratio of a reading, with an object before it or none, against another code behind an object.
+    """Log likelihood ratio of a reading, with or without an object in front, to another code behind an object.
 
-    It counts only where the object takes away more than half of what speaks for the code: what is small without any
-    object is no matter of objects.
+    It is used only if the object takes away more than half of the evidence for the code: an evidence that is small
+    without an object has other causes.
 
     Args:
-        state: (15,) where the fit of the reading ended.
-        pixels: of the landmark in the end.
+        state: (15,) final state of the reading's fit.
+        pixels: number of pixels of the landmark in the last steps.
 
     Returns:
-        Near 0 where the best object also hides the gap that decides; infinite where none takes so much away, or too
-        little is there.
+        Near 0 if the best object also hides the decisive gap; infinite if no object takes so much away, or if too
+        few pixels are available.
     """
     fit = PatternRegistration(image, family, state[:8].reshape(4, 2), 1.0)
     fit.state = state

@@ -1,4 +1,4 @@
-"""Decoding of a registered square, and deciding whether it is a landmark at all."""
+"""Decoding of a registered square, with the measures that decide whether it is a landmark."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ RULES = DecodingRules(
     ridge=RIDGE,
     parts_ridge=1e-4,
     occlusion=OcclusionRules(
-        model_share=0.08,  # of the contrast, which no model of blur and print gets better
+        model_share=0.08,  # of the contrast: smallest error of any model of blur and print
         usual_quantile=0.7,
-        code_limit=6.0,  # two standard deviations: what fits worse is something else
-        foreign_limit=12.0,  # one bright pixel is no hand
+        code_limit=6.0,  # two standard deviations: pixels that fit worse show something else
+        foreign_limit=12.0,  # a single bright pixel is not an object
         foreign_pixel=6.0,
         foreign_pixels=3,
         foreign_reach=10 / 9,
@@ -57,9 +57,9 @@ class Decoding:
             position, where 0 is the ground and 1 the white: each fitted on its own.
         parts_sigma: (2+G,) their standard deviations.
         expected_parts: (2+G,) what they are for this code: 1, or 0 for an open gap.
-        evidence: least log likelihood ratio against another code, where what fits neither well speaks for neither.
-        foreign: log likelihood ratio by which an object before it explains the pixels better than the landmark.
-        plain: the code looks alike in every quarter turn.
+        evidence: least log likelihood ratio to another code, without pixels that fit neither code well.
+        foreign: log likelihood ratio of an object in front of the landmark to the landmark alone.
+        plain: the code looks the same in every quarter turn.
     """
 
     code: int
@@ -88,7 +88,7 @@ class Decoding:
 
     @property
     def parts_residual(self) -> float:
-        """Mean squared distance of the parts from what the code says of them, in standard deviations."""
+        """Mean squared deviation of the parts from those of the code, in standard deviations."""
         terms = [
             (part - expected) ** 2 / (sigma**2 + PART_TOLERANCE**2)
             for part, expected, sigma in zip(
@@ -103,7 +103,7 @@ class Decoding:
 
     @property
     def is_promising(self) -> bool:
-        """Worth registering: far looser than what is accepted in the end.
+        """Whether to continue registration: much looser than the final acceptance.
 
         No contrast is too large: the blur that a fit starts with is generous, and takes the ground of a sharp image
         for darker than black.
@@ -117,7 +117,7 @@ class Decoding:
 
     @property
     def is_settled(self) -> bool:
-        """Worth its last steps, once its code stands: margins near which something is accepted in the end."""
+        """Whether to run the last steps when the code no longer changes: margins near those of accepted landmarks."""
         if self.turn_margin > SETTLED_CLEAR:
             return True
         return self.code_margin > SETTLED_CODE_MARGIN and self.turn_margin > SETTLED_TURN_MARGIN
@@ -166,14 +166,14 @@ def decode_square(tables: FamilyTables, view: View, state: FloatArray, samples: 
 
 
 def decoding_of(tables: FamilyTables, found: Decoded | None, pixels: int) -> Decoding:
-    """Decoding with its margins, from what a kernel decoded from so many pixels."""
+    """Decoding with its margins, from the result of a kernel on this number of pixels."""
     return _NOTHING if found is None else _decoding(tables, found, pixels, _margins(found, pixels))
 
 
 def cautious_decoding_of(
     tables: FamilyTables, plain: Decoded | None, robust: Decoded | None, pixels: int
 ) -> Decoding:
-    """:func:`cautious` of what a kernel decoded by plain and by robust weights, built once."""
+    """:func:`cautious` of a kernel's decodings with plain and with robust weights."""
     if plain is None:
         return _NOTHING
     is_same = robust is not None and (robust.code, robust.turn) == (plain.code, plain.turn)
@@ -184,7 +184,7 @@ def cautious_decoding_of(
 def cautious(plain: Decoding, robust: Decoding) -> Decoding:
     """The decoding by plain weights with the smaller of plain and robust margins; none where the two codes differ.
 
-    A bit that only what hides the landmark speaks for loses its margin under the discount.
+    A bit that only an occluding object determines loses its margin with robust weights.
     """
     robust_margins = (robust.code_margin, robust.turn_margin) if robust.is_same_code(plain) else None
     code, turn = _smaller((plain.code_margin, plain.turn_margin), robust_margins)
@@ -221,7 +221,7 @@ def _decoding(tables: FamilyTables, found: Decoded, pixels: int, margins: tuple[
 
 
 def is_plain(family: LandmarkFamily, code: int) -> bool:
-    """Are the gaps of every ring all open or all closed?"""
+    """Whether the gaps of every ring are all open or all closed."""
     gaps = iter(family.gaps(code))
     return all(len({next(gaps) for _ in range(ring.gap_count)}) == 1 for ring in family.rings)
 

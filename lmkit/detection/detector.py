@@ -60,7 +60,7 @@ def detect_landmarks(
 
 
 def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
-    """The surest reading of every place, largest first; a landmark within another one has its own place."""
+    """The reading with the highest score at every place, largest first; a landmark within another is kept."""
     kept: list[tuple[AnyCandidate, Sequence[float], float]] = []
     for candidate in sorted(candidates, key=lambda a: (-a.log_odds, a.family.name, a.decoding.code)):
         middle, side = middle_of(candidate.corners), candidate.side_px
@@ -70,7 +70,7 @@ def best_of_each_place(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]
 
 
 def candidates_of(image: ByteArray, options: DetectOptions) -> list[Candidate]:
-    """Everything that was registered and decoded, with the reasons of what was rejected."""
+    """All candidates that were registered and decoded, with the reasons of rejections."""
     _check_image(image, options)
     linear = LinearImage.of(image, options.camera)
     clear = without_veil(linear)
@@ -125,13 +125,13 @@ def _registered(
 
 
 def _is_clear(candidate: Candidate) -> bool:
-    """Read without taking out any shadow, and there is no reason to try that."""
+    """Whether a landmark was read without shadow normalization, and clearly enough to skip it."""
     is_small = candidate.rejected is None and candidate.side_px < SMALL_PX
     return is_small or candidate.log_odds >= SURE_LOG_ODDS
 
 
 def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate:
-    """A reading that needs a shadow does not stand where one without it is surer of something else."""
+    """Reject a reading with a shadow if one without a shadow has a higher score for another code there."""
     for other in clear:
         apart = math.dist(middle_of(shaded.corners), middle_of(other.corners))
         same = (other.family, other.decoding.code) == (shaded.family, shaded.decoding.code)
@@ -144,7 +144,7 @@ def _unless_contradicted(shaded: Candidate, clear: list[Candidate]) -> Candidate
 def _candidates_in_shadow(
     quads: FloatArray, image: LinearImage, pyramid: Pyramid, corner: FloatArray, options: DetectOptions
 ) -> list[Candidate]:
-    """The candidates on which a shadow may end, with the light taken out."""
+    """The candidates on which a shadow may end, in the shadow-normalized image."""
     shaded: list[Candidate] = []
     if len(quads) == 0:
         return shaded
@@ -159,7 +159,7 @@ def _candidates_in_shadow(
 
 
 def _shadow_normalized(image: LinearImage, quad: FloatArray) -> LinearImage:
-    """The image with shadows taken out around a square."""
+    """The image, shadow-normalized around a square."""
     window = window_for(mean_side(quad))
     xs, ys = quad.T.tolist()
     low = (math.floor(min(along)) - window for along in (xs, ys))
@@ -168,7 +168,7 @@ def _shadow_normalized(image: LinearImage, quad: FloatArray) -> LinearImage:
 
 
 def _elsewhere(candidates: FloatArray, read: Sequence[FloatArray]) -> FloatArray:
-    """(N,4,2) the candidates whose middle is in none of the squares that are read already."""
+    """(N,4,2) the candidates whose center is in none of the squares that were read."""
     if not read or len(candidates) == 0:
         return candidates
     known = [(middle_of(corners), 0.5 * mean_side(corners)) for corners in read]

@@ -1,6 +1,6 @@
-"""The steps of a landmark's fit: register what it decodes to, decode again, until the code stands; then all pixels.
+"""The steps of a landmark's fit: register and decode alternately until the code is stable; then use all pixels.
 
-Compiled, each step is one call (:mod:`lmkit.kernels.landmark_fit`); the definition stands beside it.
+Each step is one compiled call (:mod:`lmkit.kernels.landmark_fit`); the numpy definition is here.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from lmkit.model.landmark import LandmarkFamily
 READ_ROUNDS = 3
 COARSE = Steps(rounds=1, most=3, to_px=0.1, negligible=10.0)
 FINE = Steps(rounds=2, most=3, to_px=0.02, negligible=8.0)  # decision 55
-# The blur starts generous, so that a wrong corner still feels its edge.
+# The initial blur is large, so that a wrong corner still has a gradient toward its edge.
 COARSE_SIDE_PX = 100.0
 START = Start(least_blur=0.8, blur_share=0.012, blurred_side=COARSE_SIDE_PX)
 # Of blue, green and red, in the last steps: what cameras do to color errs most in blue and red (decision 40).  A
@@ -47,7 +47,7 @@ START = Start(least_blur=0.8, blur_share=0.012, blurred_side=COARSE_SIDE_PX)
 CHANNEL_WEIGHTS = (0.8, 1.3, 0.9)
 # Interpolated values err by color where the image is curved (decision 51).
 MOSAIC = MosaicRules(error_share=0.3, evidence=0.15, log_odds=2.0, least_weight=0.04)
-COARSE_PIXELS = 400  # enough to read and to find the place; the last steps take more
+COARSE_PIXELS = 400  # enough to decode and to align; the last steps use more
 
 
 @dataclass
@@ -55,7 +55,7 @@ class FitSteps:
     """Both steps of a fit.
 
     Attributes:
-        pixels: of the landmark in the end.
+        pixels: number of pixels of the landmark in the last steps.
         fit_distortion: also fit the lens's distortion in the end.
     """
 
@@ -64,7 +64,7 @@ class FitSteps:
     _read: Fitted | None = field(default=None, init=False)
 
     def read(self, fit: PatternRegistration) -> bool:
-        """Register and decode until the code stands; False where nothing promising does."""
+        """Register and decode until the code is stable; False if it is not promising."""
         if landmark_fit.is_compiled():
             self._read = self._run(fit, READ)
             return self._read is not None
@@ -81,7 +81,7 @@ class FitSteps:
         return fit.decoding.is_promising and (fit.image.white is not None or fit.decoding.is_settled)
 
     def finish(self, fit: PatternRegistration) -> bool:
-        """Register with all pixels, and decode by plain and by robust weights; False where it left the image."""
+        """Register with all pixels, and decode with plain and with robust weights; False if it left the image."""
         if landmark_fit.is_compiled():
             return self._run(fit, FINISH) is not None
         if not fit.sample(self.pixels, near_edges=True):

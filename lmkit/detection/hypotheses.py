@@ -12,7 +12,7 @@ from lmkit.detection.pattern_model import QUARTERS, LandmarkPattern
 from lmkit.kernels.hypotheses import Words
 from lmkit.model.landmark import LandmarkFamily
 
-# Keeps inks that are hardly seen (surroundings beyond the grid) from running away.
+# Prior that bounds inks with few pixels (surroundings beyond the grid).
 RIDGE = 1e-5
 
 

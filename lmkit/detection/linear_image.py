@@ -1,4 +1,4 @@
-"""The image as registration sees it: linear light, its noise, and its lens, known or guessed.
+"""The image for registration: linear light, its noise, and its lens, known or estimated.
 
 A known lens is undone exactly; for an unknown one a single radial distortion about the image's center
 is fitted, landmark by landmark.
@@ -26,7 +26,7 @@ from lmkit.model.palette import SRGB_TO_LINEAR
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
-LEAST_ERROR = 1 / 255  # twice as much reads a little more, and more wrong codes
+LEAST_ERROR = 1 / 255  # twice this value gives a few more readings, and more wrong codes
 # Clearing a box costs less than new pages of memory, and so do levels that are written anew.
 _BLANKS, _LEVELS = Loans(2), Loans(2)
 
@@ -36,11 +36,11 @@ class LinearImage:
     """Data of an image for registration.
 
     Attributes:
-        source: code values, and what they are divided by where shadows are taken out; its lens is left in.
+        source: code values, and their divisor if it is shadow-normalized; not undistorted.
         noise: standard deviation of the image's noise in code values over 255.
-        camera: the camera that took it, where its lens is known.
+        camera: the calibrated camera of the image, if known.
         is_inverted: values are 1 minus the light, so that white on black is registered as black on white.
-        fits: how landmarks are fitted in it, by family and settings; filled when they are first needed.
+        fits: compiled fits, by family and settings; filled when first needed.
     """
 
     source: Source
@@ -85,7 +85,7 @@ class LinearImage:
 
     @property
     def white(self) -> Float32Array | None:
-        """(H,W) the local white that values are divided by; None where shadows are left in."""
+        """(H,W) the local white by which values are divided; None without shadow normalization."""
         return self.source.white
 
     @property
@@ -95,11 +95,11 @@ class LinearImage:
         return width, height
 
     def shadow_normalized(self, box: Box, window: int) -> LinearImage:
-        """The image with shadows taken out of a box, see :mod:`lmkit.detection.shadows`."""
+        """The image, shadow-normalized in a box, see :mod:`lmkit.detection.shadows`."""
         return self.renormalized(box, white_within(self.pyramid.levels, self._within(box), window))
 
     def renormalized(self, box: Box, light: Float32Array) -> LinearImage:
-        """The image divided by this light of a box x0, y0, x1, y1, and by no other."""
+        """The original image divided by this light in a box x0, y0, x1, y1."""
         width, height = self.size
         x0, y0, x1, y1 = self._within(box)
         # Where it is 0 nothing is divided.
@@ -132,7 +132,7 @@ class LinearImage:
         return LinearImage(source, self.noise / 2**level, is_inverted=self.is_inverted)
 
     def straightened(self, at: FloatArray) -> FloatArray:
-        """(N,2) pixels as a lens without distortion would have them; the same where the lens is not known."""
+        """(N,2) undistorted pixels; unchanged if the lens is not known."""
         if self.camera is None:
             return at
         return _straightened(self.camera, at)
@@ -156,7 +156,7 @@ class LinearImage:
 
     @property
     def center(self) -> FloatArray:
-        """(2,) the middle of the image, px."""
+        """(2,) the center of the image, px."""
         width, height = self.size
         return np.array([(width - 1) / 2, (height - 1) / 2])
 
@@ -201,7 +201,7 @@ def _lens(key: _LensKey) -> Lens:
 
 @lru_cache(maxsize=4)
 def _lens_shift(key: _LensKey) -> Float32Array:
-    """(H,W,2) from every pixel to where it lies without distortion, px."""
+    """(H,W,2) from every pixel to its undistorted position, px."""
     width, height = key.camera.image_size
     x, y = np.arange(float(width)), np.arange(float(height))
     K = key.camera.K

@@ -1,7 +1,7 @@
-"""Landmarks over which another one lies: what the nearer sheet covers is known to say nothing.
+"""Landmarks that are partly covered by another landmark's sheet, whose covered gaps give no information.
 
-Of two sheets that overlap the nearer one is seen whole, and fits better; a landmark that is read within another one's
-face lies on it.  What the nearer one shows within its own edges may resemble a gap or a ring of the other one.
+If two sheets overlap, the nearer one is wholly visible, and fits better; a landmark that is read within another one's
+face is on top of it.  The content of the nearer sheet may resemble a gap or a ring of the other one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ POINTS_ACROSS_GAP, COVERED_POINTS = 7, 5  # of one gap position; fewer leave eno
 
 
 def without_covered(candidates: Sequence[AnyCandidate]) -> list[AnyCandidate]:
-    """The candidates none of whose gap positions a nearer sheet covers for the most part."""
+    """The candidates without gap positions that a nearer sheet covers for the most part."""
     if len(candidates) < 2:
         return list(candidates)
     middles = np.array([middle_of(one.corners) for one in candidates])

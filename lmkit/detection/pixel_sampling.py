@@ -1,4 +1,4 @@
-"""The pixels that a registration looks at."""
+"""The pixels that a registration uses."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ DISTORTION = 11  # its place in the state
 
 @dataclass
 class PixelSamples:
-    """The pixels that a registration looks at; it changes their weights.
+    """The pixels that a registration uses, with their weights.
 
     Attributes:
-        at: (2,N) positions relative to the view's origin, px, freed of the lens's distortion where that is known.
+        at: (2,N) positions relative to the view's origin, px, undistorted if the lens is known.
         values: (3,N) BGR in linear light.
-        light: (N,) what the values were divided by to take shadows out.
+        light: (N,) divisor of the values in a shadow-normalized image.
         noise_variance: (N,) expected variance of a value by the image's noise, up to a common factor.
         cells: (N,) place in a cell of 2 x 2 pixels; see :mod:`lmkit.kernels.mosaic`.
-        variance: (N,) the noise's, and more where the model does not fit.
-        prior_weight: the common factor, so that priors weigh as they should against the values.
+        variance: (N,) that of the noise, enlarged where the model does not fit.
+        prior_weight: the common factor, to weight priors consistently with the values.
     """
 
     at: Float32Array
@@ -56,7 +56,7 @@ class PixelSamples:
 
     @property
     def weighted(self) -> Samples:
-        """With what does not fit down-weighted."""
+        """With down-weighted outliers."""
         return Samples(self.at, self.values, self.variance)
 
 
@@ -70,7 +70,7 @@ def sample_pixels(
 ) -> PixelSamples | None:
     """The pixels of the face and the inner part of its margin, thinned to about ``at_most``.
 
-    Those ``near_edges`` of the drawing show the place best; evenly thinned ones stand a bad start better.
+    Pixels ``near_edges`` of the drawing determine the position best; uniform samples tolerate a worse start.
 
     None when too little of the landmark lies inside the image.
     """
@@ -129,7 +129,7 @@ def reach_of(family: MarkerFamily) -> float:
 
 
 def paper_of(family: MarkerFamily) -> float:
-    """Half side of the square that is surely paper, mm; square markers take their white as it is (decision 47)."""
+    """Half side of the square that is certainly paper, mm; square markers have no such requirement (decision 47)."""
     return math.inf if isinstance(family, SquareMarkerFamily) else family.half_mm + family.margin_mm
 
 

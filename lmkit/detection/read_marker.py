@@ -10,7 +10,7 @@ from lmkit.model.square_marker import SquareMarkerFamily
 
 
 def read_marker_at(image: ByteArray, corners: FloatArray, family: MarkerFamily) -> Candidate | TagCandidate | None:
-    """Read what stands at (4,2) known corners, px, clockwise as seen; None where nothing does."""
+    """Read the marker at (4,2) known corners, px, clockwise as seen; None if there is none."""
     if isinstance(family, SquareMarkerFamily):
         return read_tag_at(image, corners, family)
     return read_landmark_at(image, corners, family)

@@ -1,4 +1,4 @@
-"""One candidate: registered, read, registered again, until the reading stands; then accepted or not."""
+"""One candidate: registered and decoded alternately until its code is stable; then accepted or rejected."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from lmkit.model.observation import Detection
 
 SHARP = Steps(rounds=0, most=5, to_px=0.01)  # nothing hides a rasterized page
 FROM_FAR = Steps(rounds=0, most=10, to_px=0.05)
-HOPELESS = 2.5  # log odds under the rule's from which no shadow's edge lifts a reading
-DISTORTION_SIDE_PX = 25.0  # smaller landmarks do not show the lens's distortion
+HOPELESS = 2.5  # log odds below the rule's from which modeling the shadow's edge no longer helps
+DISTORTION_SIDE_PX = 25.0  # smaller landmarks do not determine the lens's distortion
 # For every quarter turn, the corners in the landmark's own order, and rows and columns of their covariance.
 _ORDER = tuple((np.arange(4) + quarter) % 4 for quarter in range(4))
 _ROWS = tuple(np.ix_(rows, rows) for rows in ((2 * order[:, None] + np.arange(2)).ravel() for order in _ORDER))
@@ -37,14 +37,14 @@ _ROWS = tuple(np.ix_(rows, rows) for rows in ((2 * order[:, None] + np.arange(2)
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate that was registered and read, accepted or not.
+    """One candidate that was registered and decoded, accepted or rejected.
 
     Attributes:
-        family: what it was read as.
+        family: the family as which it was read.
         corners: (4,2) px of the image, in the landmark's order.
         covariance: (8,8) of the corners, px^2.
-        reading: what it decodes to, and its score.
-        rejected: why it is no landmark; None where it is one.
+        reading: its decoding and score.
+        rejected: reason of the rejection; None if it is accepted.
     """
 
     family: LandmarkFamily
@@ -88,7 +88,7 @@ class Candidate:
 def register_all(
     image: LinearImage, quads: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> list[Candidate]:
-    """Candidates of (N,4,2) squares, each as :func:`register_and_decode` makes it, without those of nothing."""
+    """Candidates of (N,4,2) squares, as :func:`register_and_decode` of each, without None."""
     if image.white is not None or not landmark_fit.is_compiled():
         found = (register_and_decode(image, quad, family, options) for quad in quads)
         return [candidate for candidate in found if candidate is not None]
@@ -106,7 +106,7 @@ def register_all(
 def register_and_decode(
     image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> Candidate | None:
-    """Register what a candidate decodes to, decode again, until the code stands; None where nothing does."""
+    """Register and decode a candidate alternately until its code is stable; None if it is not promising."""
     quad = image.straightened(_coarse_corners(image, quad, family, options))
     side = mean_side(quad)
     fit_distortion = options.through_lens and options.camera is None and side > DISTORTION_SIDE_PX
@@ -125,14 +125,14 @@ def register_and_decode(
 
 
 def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFamily) -> Candidate | None:
-    """Read what stands at known corners of a sharp image, such as a rasterized page.
+    """Read the landmark at known corners of a sharp image, such as a rasterized page.
 
     Args:
         image: (H,W,3) BGR, 8 bit.
         corners: (4,2) px, clockwise as seen, good to a few hundredths of the side.
 
     Returns:
-        None where too little of it lies in the image.
+        None if too little of it is inside the image.
     """
     fit = PatternRegistration(LinearImage.of(image), family, corners, 0.3)
     if not fit.sample(COARSE_PIXELS, near_edges=True):
@@ -145,7 +145,7 @@ def read_landmark_at(image: ByteArray, corners: FloatArray, family: LandmarkFami
 def _coarse_corners(
     image: LinearImage, quad: FloatArray, family: LandmarkFamily, options: DetectOptions
 ) -> FloatArray:
-    """Corners of a large quad, registered in a smaller image first; they are then good to a pixel or so."""
+    """Corners of a large quad, first registered in a smaller image, accurate to about a pixel."""
     times = int(math.log2(max(mean_side(quad) / COARSE_SIDE_PX, 1.0)))
     if times < 1:
         return quad
@@ -176,9 +176,9 @@ def _candidate_of(image: LinearImage, found: Fitted, family: LandmarkFamily, opt
 def _against_other_codes(
     reading: ScoredReading, image: LinearImage, family: LandmarkFamily, state: FloatArray, options: DetectOptions
 ) -> ScoredReading:
-    """A reading that would be accepted, with its margins over other codes.
+    """An acceptable reading with its margins over other codes.
 
-    They are fitted too where it is doubtful, and stand behind an object where one is seen.
+    Rivals are fitted if the reading is doubtful; codes behind an object are tested if an object is seen.
     """
     least, pixels = options.rule.least_log_odds, options.config.pixels
     if reading.log_odds >= least and reading.is_doubtful:
@@ -199,7 +199,7 @@ def _in_own_order(
     """The candidate, its corners in the landmark's own order."""
     quarter, (width, height) = reading.decoding.quarter, image.size
     inside = all(-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5 for x, y in corners.tolist())
-    # A corner that is not in the image was not seen, and none is made up.
+    # Corners outside the image are not observed, and are not extrapolated.
     rejected = reading.reason_to_reject(rule) if inside else "cut"
     return Candidate(family, corners[_ORDER[quarter]], covariance[_ROWS[quarter]], reading, rejected)
 

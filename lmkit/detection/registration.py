@@ -2,7 +2,7 @@
 
 Gauss-Newton over the four corners, the point spread (three numbers, so motion blur too) and, where
 the lens is not known, one radial distortion about the image's center.  The inks are eliminated
-(variable projection), so white, red and blue are whatever the light makes them.
+(variable projection), so white, red and blue may have any color that the light gives them.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from lmkit.model.landmark import LandmarkFamily
 
 MIN_SPREAD = 0.04  # px^2, for images sharper than any lens, such as rasterized pages
 DISTORTION_PRIOR = 0.12  # standard deviation of the radial distortion, relative at half the image's width
-# Errors of corners that residuals do not show.  The mosaic errs along edges, and few pixels of edge do not even that
-# out: the variance is too small by 1 + aligned (few_edges / side)^2, where `aligned` says how far the sides follow
-# rows and columns (`aligned_with_mosaic`).  Residuals are noise, which averages out over many pixels, and what
-# sharpening, noise reduction, tone and JPEG do to its edges, which does not.  The larger the scatter sigma of corners
-# that residuals let expect, the more of it is of that kind: the variance is growth min(sigma / full, 1) times as
-# large.  Edges move together: a landmark comes out wider or higher, by stretch sigma over its eight coordinates.
-# Fitted by likelihood on simulated cameras of four kinds (`benchmarks/corner_covariance.py`; decision 36), growth
-# enlarged by 1.5: then 95 % of the poses by a kind that is left out of the fit are inside.  Lenses and paper come on
-# top (`CORNER_FLOOR_PX`).
+# Corner errors that residuals do not show.  The mosaic causes errors along edges, which do not average out over few
+# pixels of edge: the variance is too small by the factor 1 + aligned (few_edges / side)^2, where `aligned` measures
+# the alignment of the sides with rows and columns (`aligned_with_mosaic`).  Residuals have two parts: noise, which
+# averages out over many pixels, and effects of sharpening, noise reduction, tone and JPEG at edges, which do not.
+# The larger the corner error sigma expected from residuals, the larger is the second part: the variance is growth
+# min(sigma / full, 1) times as large.  Edges move together: a landmark seems wider or higher, by stretch sigma over
+# its eight coordinates.  The constants were fitted by likelihood on simulated cameras of four kinds
+# (`benchmarks/corner_covariance.py`; decision 36), and growth was multiplied by 1.5: then 95 % of the poses by a kind
+# that is left out of the fit are inside.  Errors of lenses and paper are added (`CORNER_FLOOR_PX`).
 CORNER_ERRORS = CornerErrors(least=0.0036, few_edges=30.0, mosaic=2.0, growth=1.85, full=0.064, stretch=0.84)
-# Standard deviation of the mixed-pixel bias.  A wider one follows what cameras do to colors, and edges with it
+# Standard deviation of the mixed-pixel bias.  With a larger one, color processing of cameras would shift edges
 # (decision 39).
 MIXED_PIXEL_PRIOR = 0.02
 SHADING_PRIOR = 0.05  # standard deviation of the relative change of light over half the side
@@ -46,17 +46,17 @@ LIMITS = Limits(least_spread=MIN_SPREAD, most_spread=64.0, distortion=0.3, shadi
 
 
 class DrawingFit:
-    """The fit of one drawing to the image: its state and the pixels it looks at.
+    """The fit of one drawing to the image: its state and its pixels.
 
     Attributes:
         state: (15,) corners (px, without distortion), point spread, distortion, shading, mixed-pixel bias; see
             :mod:`lmkit.kernels.registration`.
         samples: pixels in use, with the weights of the last registration.
-        drawing: what is fitted.
-        hypothesis: which of its parts are drawn.
+        drawing: the fitted drawing.
+        hypothesis: the parts of it that are drawn.
         channel_repeats: how often the three channels count the same light: 3 in gray images.
         mixed_pixel_prior: standard deviation of the mixed-pixel bias.
-        corner_errors: what residuals do not show.
+        corner_errors: model of corner errors that residuals do not show.
     """
 
     samples: PixelSamples
@@ -92,20 +92,20 @@ class DrawingFit:
         return blur_of(self.state)
 
     def sample(self, at_most: int, near_edges: bool) -> bool:
-        """Take pixels where the pattern now lies; False where too little of it lies in the image."""
+        """Sample pixels at the current state; False if too little of the pattern is inside the image."""
         taken = sample_pixels(self.image, self.view, self.state, self.outline, at_most, near_edges)
         if taken is not None:
             self.samples = taken
         return taken is not None
 
     def discount(self) -> FloatArray:
-        """Give less weight to pixels that the model does not fit: what hides or reflects there.
+        """Down-weight pixels that the model does not fit, such as occlusions and reflections.
 
         Cauchy weights on the scatter of all pixels; a pole or a hand over one side then no longer
         drags the corners along.
 
         Returns:
-            (3,N) what the pixels would be.
+            (3,N) predicted pixels.
         """
         weights = robust_weights(
             self.drawing, self.view, self.samples.plain, self._priors, self.state, self.hypothesis
@@ -114,7 +114,7 @@ class DrawingFit:
         return weights.drawn
 
     def sharpen_shadow(self, at_most: int) -> None:
-        """Take the shadow out by one straight edge, now that the drawing is known, from so many pixels."""
+        """Fit the shadow's straight edge, now that the drawing is known, to this number of pixels, and remove it."""
         if not self.sample(at_most, near_edges=False):
             return
         bright = np.maximum(self.discount().mean(axis=0), 1e-3).astype(np.float64)
@@ -127,7 +127,7 @@ class DrawingFit:
         self.image = self.image.renormalized((x0, y0, x1, y1), edge.light((x0, y0, x1, y1)))
 
     def register(self, steps: Steps, mosaic: MosaicRules | None = None) -> None:
-        """Move to a smaller error, never to a larger one, discounting what does not fit and what a mosaic lacks."""
+        """Gauss-Newton steps that never increase the error, with down-weighted outliers and mosaic errors."""
         found = register(
             self.drawing,
             self.view,
@@ -211,7 +211,7 @@ def blur_of(state: FloatArray) -> float:
 
 
 class PatternRegistration(DrawingFit):
-    """The fit of one landmark's pattern, and what it decodes to.
+    """The fit of one landmark's pattern, and its decoding.
 
     Attributes:
         decoding: of the last :meth:`decode`.
@@ -225,7 +225,7 @@ class PatternRegistration(DrawingFit):
         self.family = family
         self.tables = tables_of(family)
         super().__init__(image, family, self.tables.drawing, corners, spread_px2)
-        self._seen: tuple[FloatArray, FloatArray] | None = None  # what a compiled fit says of the corners
+        self._seen: tuple[FloatArray, FloatArray] | None = None  # corners and covariance of a compiled fit
 
     def image_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image as delivered and their (8,8) covariance, after :meth:`take_over` its own."""
@@ -234,7 +234,7 @@ class PatternRegistration(DrawingFit):
     def decode(self) -> Decoding:
         """Score every code in every quarter turn, pixels weighted by the image's noise alone.
 
-        Discounting what does not fit the last decoding would make it confirm itself.
+        With robust weights from the last decoding, that decoding would confirm itself.
         """
         return self._believe(decode_square(self.tables, self.view, self.state, self.samples.plain))
 
@@ -244,7 +244,7 @@ class PatternRegistration(DrawingFit):
         return self.robust_decoding
 
     def take_over(self, found: Fitted) -> None:
-        """Go on from where a compiled fit ended; its pixels are not kept."""
+        """Continue from the result of a compiled fit, without its pixels."""
         self.state, self._normal, self._error = found.state, found.normal, found.error
         self._seen = found.corners, found.covariance
         self._believe(decoding_of(self.tables, found.plain, found.pixels))
@@ -258,7 +258,7 @@ class PatternRegistration(DrawingFit):
 
 
 def aligned_with_mosaic(corners: FloatArray, period_px: float = CORNER_ERRORS.mosaic) -> float:
-    """How far the sides of (4,2) corners follow rows and columns of pixels: 1 where they do, toward 0 where not.
+    """Alignment of the sides of (4,2) corners with rows and columns of pixels: 1 if aligned, toward 0 if not.
 
     The phase of the color mosaic runs through one period on every `period_px` that a side moves across the rows or
     columns it follows; the error of the side's place is the mean over those phases.

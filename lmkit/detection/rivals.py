@@ -1,4 +1,4 @@
-"""A doubtful reading against its rivals, which are fitted too."""
+"""Comparison of a doubtful reading with rivals: other codes that are fitted too."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ RIVAL_RULES = RivalRules(rivals=3, most=2, to_px=0.02, negligible=1.0, hopeless=
 def rival_margin(
     image: LinearImage, family: LandmarkFamily, state: FloatArray, decoding: Decoding, pixels: int
 ) -> float:
-    """Log likelihood ratio of a reading against the likeliest other codes, each with corners and blur of its own.
+    """Log likelihood ratio of a reading to the likeliest other codes, each with its own corners and blur.
 
-    The margins of a decoding compare all codes where one of them was fitted, which favors that one: another code,
-    with the corners of a small landmark a little elsewhere, often fits as well.
+    The margins of a decoding compare all codes at the state fitted for one of them, which favors this one: another
+    code, with slightly different corners of a small landmark, often fits as well.
 
     Args:
-        state: (15,) where the fit of the reading ended.
-        pixels: of the landmark in the end.
+        state: (15,) final state of the reading's fit.
+        pixels: number of pixels of the landmark in the last steps.
 
     Returns:
-        Less than 0 where a rival fits better; infinite where none comes close.
+        Less than 0 if a rival fits better; infinite if none comes close.
     """
     fit = PatternRegistration(image, family, state[:8].reshape(4, 2), 1.0)
     fit.state = state

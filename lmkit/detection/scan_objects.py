@@ -1,4 +1,4 @@
-"""Objects of a laser scan that stand free: runs of beams in front of whatever is beside them.
+"""Free-standing objects of a laser scan: runs of beams in front of their neighbors.
 
 Breakpoints as in Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004): neighbors belong
 together unless their ranges differ by more than a surface seen at a grazing angle explains.
@@ -14,7 +14,7 @@ import numpy as np
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.model.scan import LaserScan
 
-GRAZING_RAD = math.radians(15)  # a surface steeper than that to the beams is taken apart
+GRAZING_RAD = math.radians(15)  # a surface steeper than that to the beams is split
 SIGMAS = 5.0
 
 
@@ -75,7 +75,7 @@ def _bridged(ranges: FloatArray, scan: LaserScan, sigma_m: float) -> FloatArray:
 
 
 def _joined(ranges: FloatArray, scan: LaserScan, sigma_m: float) -> BoolArray:
-    """(N,) does the beam belong to the next one?"""
+    """(N,) whether a beam belongs to the same object as the next one."""
     after = np.roll(ranges, -1)
     joined = np.abs(after - ranges) < _threshold(np.fmin(ranges, after), scan.step_rad, sigma_m)
     if not scan.is_closed:

@@ -1,7 +1,7 @@
-"""A quick look at every candidate: does anything like a landmark fill this square?
+"""Fast screening of candidates: whether a square may contain a landmark.
 
-:mod:`lmkit.kernels.screening` holds the formulas; this module says what is known of a family beforehand, what a
-square must show, and which of several at the same place goes on.
+:mod:`lmkit.kernels.screening` has the formulas; this module has the precomputed data of a family, the requirements
+for a square, and the choice between several squares at one place.
 """
 
 from __future__ import annotations
@@ -71,20 +71,20 @@ class ScreeningThresholds:
 
 
 FOUND_THRESHOLDS = ScreeningThresholds()
-# Veiled and dim landmarks show as little as this; what it lets through, the score of acceptance judges.
+# Veiled and dim landmarks have as little contrast as this; acceptance tests the rest.
 ALIGNED_THRESHOLDS = ScreeningThresholds(turn=0.02)
 
 
 @dataclass(frozen=True)
 class LikelyRule:
-    """Which squares go on to be registered.
+    """Rule for the squares that are registered.
 
     Attributes:
         shares: share of what a framed square leaves unexplained that rings and triangle must explain, of a square as
             it was found and of one that was moved to where it fits.
         rounds: steps of the moves.
         aligned: thresholds of those that were moved.
-        in_shadow: take out the light, and leave out squares on which no shadow may end.
+        in_shadow: normalize the light, and leave out squares on which no shadow may end.
     """
 
     shares: Shares
@@ -94,7 +94,7 @@ class LikelyRule:
 
 
 def likely_squares(pyramid: Pyramid, quads: FloatArray, family: LandmarkFamily, rule: LikelyRule) -> Likely:
-    """Squares that look like landmarks of a family, moved to where they fit, and the pattern of all.
+    """Squares that resemble landmarks of a family, aligned to the pattern, and the pattern score of all.
 
     Args:
         quads: (N,4,2) corners, px, clockwise; misshapen ones score -1.
@@ -116,7 +116,7 @@ def screen_candidates(
     Args:
         quads: (N,4,2) corners, px, clockwise; misshapen ones score -1.
         aligned: what those that were moved must show.
-        in_shadow: take out the light, and score 0 where no shadow may end on the square.
+        in_shadow: normalize the light, and score 0 if no shadow may end on the square.
     """
     return _screening(family, aligned).screen(pyramid, quads, rounds, SHADOW_WINDOW if in_shadow else 0)
 

@@ -1,10 +1,10 @@
 """Shadows that end on a landmark: the image divided by its local white.
 
-Half of a landmark in the sun and half in the shade is two landmarks to every threshold and every
-model of one light.  What is white nearby tells the light: a gray closing (the smallest of the
-largest values around) keeps the shadow's edge where it is, which a mean would smear, and bridges
+A landmark that is half in the sun and half in the shade looks like two landmarks to every threshold and every
+model of one light.  The white nearby determines the light: a gray closing (the smallest of the
+largest values around) preserves the shadow's edge, which a mean would blur, and bridges
 the dark parts, as long as its window is wider than those.  Once the landmark is read, the drawing
-itself says how bright every pixel would be, and one straight edge between two lights is fitted.
+predicts the brightness of every pixel, and one straight edge between two lights is fitted.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class ShadowEdge:
 
         Args:
             at: (N,2) px.
-            light: (N,) what was seen over what the drawing alone would show, positive.
+            light: (N,) observed over predicted brightness, positive.
             weights: (N,).
         """
         values = np.log(light)

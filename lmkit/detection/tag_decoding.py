@@ -1,9 +1,9 @@
 """Decoding of a registered square marker: every code in every quarter turn, scored by likelihood.
 
-Black, white and surroundings are free for every hypothesis and channel; the score is what the pixels leave
-unexplained.  The margin is as white as the cells, which tells small markers' place, unless the pixels refute that:
-paper cut at the border, a ground in another light.  The cells are fitted on their own too: in a square with some
-other content they are not those of any code.
+Black, white and surroundings are free parameters for every hypothesis and channel; the score is the
+residual.  The margin is as white as the cells, which helps to locate small markers, unless the pixels refute this:
+paper cut at the border, a ground in another light.  The cells are also fitted individually: in a square with
+other content they do not agree with any code.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lmkit.kernels.plane import View
 from lmkit.kernels.registration import Samples
 from lmkit.model.square_marker import SquareMarkerFamily
 
-MODEL_SHARE = 0.02  # of the contrast, which no model of blur and print gets better
+MODEL_SHARE = 0.02  # of the contrast: smallest error of any model of blur and print
 REFUTED = 100.0  # log likelihood ratio of a margin with a light of its own: a tenth of the contrast in a clear image
 
 
@@ -38,7 +38,7 @@ class TagDecoding:
         white, black: linear light, mean over the channels.
         inks: (2,3) white and black, linear-light BGR.
         cells: (bits,bits) each cell fitted on its own: 0 black, 1 white; in the square's frame.
-        expected: (bits,bits) what the code says of them, in the square's frame.
+        expected: (bits,bits) cells of the code, in the square's frame.
         has_own_ground: the light around is not the white of the cells.
     """
 
@@ -55,7 +55,7 @@ class TagDecoding:
 
     @cached_property
     def cell_error(self) -> float:
-        """Root mean square distance of the cells from what the code says of them; 0.5 is nothing."""
+        """Root mean square deviation of the cells from those of the code; 0.5 is no agreement."""
         return _root_mean_square(self.cells, self.expected)
 
     def is_same_code(self, other: TagDecoding) -> bool:
@@ -101,7 +101,7 @@ def drawing_of_cells(family: SquareMarkerFamily, white: FloatArray, has_own_grou
 def decode_tag(
     family: SquareMarkerFamily, view: View, state: FloatArray, samples: Samples, channel_repeats: float
 ) -> TagDecoding | None:
-    """Score every code in every quarter turn at this state of a registration; None where nothing looks like one."""
+    """Score every code in every quarter turn at this state of a registration; None if none is plausible."""
     tables = tag_tables_of(family)
     products = grid_moments(tables.empty, family.border_cells, view, samples, state)
     tied, own = cell_codes(tables.words, products), cell_codes(tables.words, _with_own_ground(products))
@@ -132,7 +132,7 @@ def decode_tag(
 
 
 def _floor(found: CellCodes) -> float:
-    """No model explains print and blur to the last bit: what the best leaves unexplained."""
+    """Smallest residual of any model, since none explains print and blur exactly."""
     contrast = found.inks[0] - found.inks[1]
     return MODEL_SHARE**2 * float(contrast @ contrast) / 3 * found.weight
 

@@ -1,4 +1,4 @@
-"""Square markers of an image: candidates from brightness alone, so that gray cameras do."""
+"""Square markers of an image: candidates from brightness alone, so gray images suffice."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _find(image: ByteArray, options: DetectOptions, near: FloatArray | None, is_
 def tag_candidates_of(
     image: LinearImage, families: Sequence[SquareMarkerFamily], options: DetectOptions, gray: bool
 ) -> list[TagCandidate]:
-    """Every square that was registered and decoded, with the reasons of what was rejected."""
+    """All squares that were registered and decoded, with the reasons of rejections."""
     return _read_quads(image, _quads_of(image, options), families, options, gray)
 
 
@@ -115,7 +115,7 @@ def _read_quads(
 def _read_in_shadow(
     image: LinearImage, quad: FloatArray, families: Sequence[SquareMarkerFamily], options: DetectOptions, gray: bool
 ) -> TagCandidate | None:
-    """A marker that is read once the shadow across it is taken out; None where there is none, or nothing is read."""
+    """A marker that is read after removing the shadow across it; None without a shadow or a reading."""
     edge = shadow_on(image.pyramid.levels, quad, families[0])
     if edge is None:
         return None
@@ -128,7 +128,7 @@ def _read_in_shadow(
 
 
 def _is_in(quad: FloatArray, read: TagCandidate) -> bool:
-    """Is the middle of a square in a marker that was read, and the square no larger than that?"""
+    """Whether the center of a square is in a marker that was read, and the square is not larger than it."""
     apart = float(np.linalg.norm(quad.mean(axis=0) - read.corners.mean(axis=0)))
     return apart < 0.5 * read.side_px and mean_side(quad) < 1.5 * read.side_px
 

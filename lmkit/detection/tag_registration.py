@@ -1,4 +1,4 @@
-"""One square marker: registered, decoded, registered again, until the code stands; then accepted or not."""
+"""One square marker: registered and decoded alternately until its code is stable; then accepted or rejected."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LEAST_CONTRAST = 1.25  # white over black of what is worth registering
 
 
 class Promise(NamedTuple):
-    """Least of a decoding that is worth going on with, far looser than what is accepted in the end.
+    """Least decoding with which registration continues, much looser than the final acceptance.
 
     Attributes:
         pattern: least share that the cells explain; noise lowers it, so that it says little in dim light.
@@ -63,7 +63,7 @@ class Clearness(NamedTuple):
     Attributes:
         cell_error: most root mean square distance of the cells from the code's.
         border_error: the same of the border's cells from black.
-        squares: how many squares of a photograph are so clear, whatever their cells show.
+        squares: number of squares per photograph that are this clear, with any content.
     """
 
     cell_error: float
@@ -88,7 +88,7 @@ MOST_FALSE = 1e-3  # markers of a photograph that holds none
 
 @dataclass(frozen=True)
 class TagRule:
-    """Thresholds for a decoded square to be called a marker.
+    """Thresholds of acceptance for a decoded square marker.
 
     Attributes:
         clearness: of its cells.
@@ -96,7 +96,7 @@ class TagRule:
         margin: least log likelihood ratio against any other reading.
         white_over_black: least ratio of brightness.
 
-    Of squares whose cells show anything, some share resembles a code by chance: the larger that share is in a family,
+    A share of squares with random content resembles a code by chance: the larger this share for a family,
     the clearer its cells must be.
     """
 
@@ -107,7 +107,7 @@ class TagRule:
 
     @classmethod
     def of(cls, family: SquareMarkerFamily) -> TagRule:
-        """The loosest rule of a family that is right often enough; the strictest where none is."""
+        """The loosest rule of a family with few enough false positives; the strictest if none has."""
         return _rule_of(family)
 
 
@@ -126,12 +126,12 @@ class TagCandidate:
     """One square that was registered and decoded, accepted or not.
 
     Attributes:
-        family: what it was read as.
+        family: the family as which it was read.
         corners: (4,2) px of the image, in the marker's order.
         covariance: (8,8) of the corners, px^2.
-        decoding: what it decodes to.
+        decoding: its decoding.
         border_error: root mean square distance of the border's cells from black.
-        rejected: why it is no marker; None where it is one.
+        rejected: reason of the rejection; None if it is accepted.
     """
 
     family: SquareMarkerFamily
@@ -174,7 +174,7 @@ class TagFit(DrawingFit):
         self.channel_repeats = 3 if gray else 1
 
     def decode(self, least: Promise) -> bool:
-        """Score every code, and draw the likeliest one from now on; False where it promises less."""
+        """Score every code, and use the likeliest one as the drawing; False if it is not promising."""
         found = decode_tag(self.family, self.view, self.state, self.samples.plain, self.channel_repeats)
         if found is not None and self.image.is_inverted:
             found = replace(found, white=1 - found.black, black=1 - found.white)
@@ -194,15 +194,15 @@ class TagFit(DrawingFit):
     def image_corners(self, fit_distortion: bool) -> tuple[FloatArray, FloatArray]:
         """(4,2) corners in the image as delivered, and their (8,8) covariance.
 
-        Black and white look alike to all channels, and what a camera does to their edges errs alike in all of them.
-        How often channels count the same, the residuals tell.
+        Black and white are the same in all channels, and errors of the camera's processing at edges are equal in all
+        of them. The correlation of the channels is estimated from the residuals.
         """
         left = (self.samples.values - self.discount()) / np.sqrt(self.samples.variance)
         self.channel_repeats = float(np.mean(left.sum(axis=0) ** 2) / np.mean((left**2).sum(axis=0)))
         return super().image_corners(fit_distortion)
 
     def draw_cells(self) -> None:
-        """Draw every cell as bright as it looks: the place does not depend on a code that may be wrong."""
+        """Draw every cell with its fitted brightness: the pose must not depend on a code that may be wrong."""
         self._draw(np.clip(self.decoding.cells, 0.0, 1.0))
 
     def _draw(self, white: FloatArray) -> None:
@@ -223,14 +223,14 @@ def register_and_decode_tag(
 
 
 def read_tag_at(image: ByteArray, corners: FloatArray, family: SquareMarkerFamily) -> TagCandidate | None:
-    """Read what stands at known corners of a sharp image, such as a rasterized page.
+    """Read the marker at known corners of a sharp image, such as a rasterized page.
 
     Args:
         image: (H,W,3) BGR, 8 bit.
         corners: (4,2) px, clockwise as seen, good to a few hundredths of the side.
 
     Returns:
-        None where too little of it lies in the image, or nothing in it looks like cells.
+        None if too little of it is inside the image, or its content does not resemble cells.
     """
     fit = TagFit(LinearImage.of(image), family, corners, 0.3, gray=True)
     if not fit.sample(COARSE_PIXELS, near_edges=True) or not fit.decode(FOUND):
@@ -273,7 +273,7 @@ def _read(
     if not fit.sample(options.config.pixels, near_edges=True):
         return None
     fit.register(FINE._replace(fit_distortion=fit_distortion))
-    # Pixels near the border tell where a large marker is; those all over it tell what it says.
+    # Pixels near the border determine the pose of a large marker; pixels all over it determine its code.
     if is_large and not fit.sample(COARSE_PIXELS, near_edges=False):
         return None
     if not fit.decode(MOVED):

@@ -1,8 +1,8 @@
-"""A quick look at squares before any is registered: is there white outside of a dark border, most of the way around?
+"""Fast screening of squares before registration: white must surround a dark border most of the way around.
 
-Twenty pairs of points, one in the white margin and one in the border beside it, are compared in linear light.  A pair
-is near enough that light falls on both alike, so a shadow across the marker spoils the few pairs on its edge only.
-And the border must be about as dark everywhere.
+Twenty pairs of points, one in the white margin and one in the adjacent border, are compared in linear light.  The
+points of a pair are so close that they have the same light, so a shadow across the marker affects only the few pairs
+on its edge. The border must also be about equally dark everywhere.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ AT_ONCE = 30_000  # rows that OpenCV's remap takes
 
 
 class Looks(NamedTuple):
-    """The looks of squares.
+    """Screening results of squares.
 
     Attributes:
         promising: (N,) white surrounds a dark border.
@@ -47,7 +47,7 @@ class Looks(NamedTuple):
 
 
 def look_at(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMarkerFamily) -> Looks:
-    """White outside of a dark border around (N,4,2) squares, px.
+    """Screen (N,4,2) squares, px, for white around a dark border.
 
     Args:
         levels: (H,W,3) BGR, 8 bit: the image and its halvings.
@@ -68,7 +68,7 @@ def look_at(levels: tuple[ByteArray, ...], quads: FloatArray, family: SquareMark
 
 
 def shadow_on(levels: tuple[ByteArray, ...], quad: FloatArray, family: SquareMarkerFamily) -> ShadowEdge | None:
-    """The straight edge of a shadow across the white around a (4,2) square, px; None where that shows none."""
+    """The straight edge of a shadow across the white around a (4,2) square, px; None if there is none."""
     at, seen = _light(levels, quad[None], family, DENSELY)
     count = seen.shape[1] // 2
     white = np.maximum(seen[0, :count], FLOOR)
