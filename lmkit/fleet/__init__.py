@@ -1,1 +1,1 @@
-"""Thousands of recordings of one site: detected once, surveyed into maps, tracked, reported."""
+"""Thousands of recordings of a site: landmarks are detected once, then mapped, tracked and reported."""

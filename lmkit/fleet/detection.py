@@ -1,4 +1,4 @@
-"""`lmkit fleet detect`: landmarks of every recording, once; cost follows the images, all later stages are cheap."""
+"""`lmkit fleet detect`: detect the landmarks of every recording once; later stages do not read images."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lmkit.pipelines.recording_checks import require_plausible_recording
 from lmkit.pipelines.recording_folder import has_readings, open_recording_folder
 
 STAGE = "detect"
-# What to do about errors of files, by code, in words of this command.
+# Hints for file errors, by code, for this command.
 SCAN_HINTS = {
     "no_track": "give the distance between the wheels to lmkit fleet scan: --wheel-track 0.4m",
     "no_images": "name them to lmkit fleet scan: --topic left=TOPIC --topic right=TOPIC",

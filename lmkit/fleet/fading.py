@@ -1,11 +1,11 @@
-"""Fading: landmarks that are read worse than before, by a step in time that chance does not explain.
+"""Fading: landmarks that are read worse than before, found as significant steps in time.
 
-Two numbers tell: the share of images that should show a landmark in which it is read, and the evidence of its
+Two quantities are used: the share of images that should show a landmark in which it is read, and the evidence of its
 readings, log(margin / side^2), which falls with the contrast of the print long before readings are lost.  Both are
-compared between recordings in views of one kind alone (`views.py`).  What a recording has in common for all of its
-landmarks, such as its light, is taken out; the size of a step is that of a regression with a level for every kind of
-view, and its deviation comes from how much recordings of one landmark scatter, the landmark's own or all landmarks'
-together, the larger.
+compared between recordings only in views of one kind (`views.py`).  Effects that all landmarks of a recording
+share, such as light, are removed.  The size of a step comes from a regression with a level for every kind of
+view; its standard deviation comes from the scatter between recordings of one landmark, of this landmark or of all
+landmarks, whichever is larger.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from lmkit.fleet.views import Count, Kind
 from lmkit.model.landmark_id import LandmarkId
 
 FADED_SIGMA = 5.0
-LEAST_SHARE, LEAST_EVIDENCE = 0.2, float(np.log(1 / 0.8))  # falls by less are no reason to act
+LEAST_SHARE, LEAST_EVIDENCE = 0.2, float(np.log(1 / 0.8))  # smaller decreases are not reported
 LEAST_RECORDINGS = 2  # before a step, and from it on
-ENOUGH = 5  # views of one kind in one recording; more of them tell nothing new
+ENOUGH = 5  # views of one kind in one recording; more give no new information
 # Images and share of them in the best recording, for a kind of view to count: from elsewhere something may hide it.
 LEAST_EXPECTED, USUALLY_READ = 3, 0.5
 ROUNDS = 10  # of levels and recordings' own effects
@@ -33,7 +33,7 @@ NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class Step:
-    """The surest fall of one number.
+    """The most significant decrease of one quantity.
 
     Attributes:
         before: its mean in earlier recordings.
@@ -47,18 +47,18 @@ class Step:
     first: int
 
     def is_fall(self, least: float) -> bool:
-        """It is surely a fall, and by at least so much."""
+        """Whether it is a significant decrease, by at least this amount."""
         return self.change <= -least and self.change <= -FADED_SIGMA * self.sigma
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How well one landmark is read.
+    """Reading quality of one landmark.
 
     Attributes:
         id: family and code.
         expected, read: images that should show it, and those in which it was read, over all recordings.
-        share, evidence: the surest fall of each; None where too few recordings tell.
+        share, evidence: the most significant decrease of each; None with too few recordings.
     """
 
     id: LandmarkId
@@ -69,7 +69,7 @@ class Reading:
 
     @property
     def fallen(self) -> tuple[Step | None, Step | None]:
-        """Falls of the share and of the evidence that count."""
+        """Significant decreases of the share and of the evidence."""
         share = self.share if self.share and self.share.is_fall(LEAST_SHARE) else None
         evidence = self.evidence if self.evidence and self.evidence.is_fall(LEAST_EVIDENCE) else None
         return share, evidence
@@ -77,7 +77,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class SiteReadings:
-    """How well the landmarks of a site are read.
+    """Reading quality of the landmarks of a site.
 
     Attributes:
         names, days: of its recordings in the order of time.
@@ -108,7 +108,7 @@ class _Rows:
 
 
 def readings_of(recordings: Sequence[Mapping[Kind, Count]]) -> list[Reading]:
-    """How well each landmark of a site is read, and since when worse, from its recordings in the order of time."""
+    """Reading quality of each landmark of a site, with decreases, from its recordings in the order of time."""
     ids = sorted({id_ for counts in recordings for id_, _, _ in counts})
     shares, evidence = _share_rows(recordings, ids), _evidence_rows(recordings, ids)
     falls = [_falls(rows, len(ids), len(recordings)) for rows in (shares, evidence)]
@@ -138,7 +138,7 @@ def _share_rows(recordings: Sequence[Mapping[Kind, Count]], ids: Sequence[str]) 
 
 
 def _evidence_rows(recordings: Sequence[Mapping[Kind, Count]], ids: Sequence[str]) -> _Rows:
-    """Evidence by direction, of all sizes together: how it goes with the size is the same for all landmarks."""
+    """Evidence by direction, for all sizes together: its dependence on size is the same for all landmarks."""
     seen = [
         (recording, kind, count)
         for recording, counts in enumerate(recordings)
@@ -187,7 +187,7 @@ def _rows(rows: Sequence[tuple[int, Kind, float, int]], ids: Sequence[str]) -> _
 
 
 def _falls(rows: _Rows, landmarks: int, recordings: int) -> list[Step | None]:
-    """The surest fall of each landmark."""
+    """The most significant decrease of each landmark."""
     if not len(rows.value):
         return [None] * landmarks
     rows = _without_effects(rows, recordings)
@@ -197,7 +197,7 @@ def _falls(rows: _Rows, landmarks: int, recordings: int) -> list[Step | None]:
 
 
 def _without_effects(rows: _Rows, recordings: int) -> _Rows:
-    """Values without that which all landmarks of a recording have in common."""
+    """Values without the effects that all landmarks of a recording share."""
     effects = np.zeros(recordings)
     for _ in range(ROUNDS):
         levels = replace(rows, value=rows.value - effects[rows.recording]).levels()
@@ -209,7 +209,7 @@ def _without_effects(rows: _Rows, recordings: int) -> _Rows:
 
 
 def _surest(rows: _Rows, pooled: float) -> Step | None:
-    """The surest fall of one landmark over all recordings at which it may begin."""
+    """The most significant decrease of one landmark, over all possible first recordings."""
     recordings = np.unique(rows.recording)
     firsts = recordings[LEAST_RECORDINGS : len(recordings) - LEAST_RECORDINGS + 1].tolist()
     steps = [step for first in firsts if (step := _step(rows, first, pooled)) is not None]
@@ -242,12 +242,12 @@ def _of_recordings(rows: _Rows, values: FloatArray) -> FloatArray:
 
 
 def _means(group: IntArray, values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Weighted means by group; NaN of groups that have nothing."""
+    """Weighted means by group; NaN for empty groups."""
     sums = np.bincount(group, weights)
     return np.bincount(group, weights * values) / np.where(sums > 0, sums, np.nan)
 
 
 def _widened(kind: IntArray) -> FloatArray:
-    """(N,) factors that undo what a level from few recordings takes off their scatter."""
+    """(N,) factors that correct the scatter for degrees of freedom of levels from few recordings."""
     count = np.bincount(kind)[kind]
     return np.asarray(np.sqrt(count / np.maximum(count - 1, 1)))

@@ -1,4 +1,4 @@
-"""Faults of a fleet: what a person should look at, with site, robot and day."""
+"""Faults of a fleet that a person should examine, with site, robot and day."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from lmkit.fleet.rig_checks import UNKNOWN, bumped_sentence, moved_cameras
 from lmkit.model.landmark_map import CALENDAR_S, day_of
 
 Rows = Sequence[tuple[FleetRecording, str, Outcome]]
-FAULT_SHARE = 0.8  # of frames that are located in a recording without trouble
+FAULT_SHARE = 0.8  # of frames that are located in a recording without a fault
 CLOCK_S, CLOCK_SIGMA = 0.25, 5.0  # the delay of odometry differs by more than both from the fleet's
-LEAST_CLOCKS = 3  # recordings that tell the fleet's usual delay
-AHEAD_S = 3600.0  # a recording that ends so long after its files were written has a wrong clock
+LEAST_CLOCKS = 3  # recordings that determine the fleet's usual delay
+AHEAD_S = 3600.0  # a recording that ends this long after its files were written has a wrong clock
 DELAY = "delay_s"
 
 
@@ -202,7 +202,7 @@ def _faded(sites: Mapping[str, SiteReadings]) -> list[Fault]:
 
 
 def _faded_sentence(reading: Reading, good_day: str) -> str:
-    """One sentence: how a landmark fell off, and what to do about it."""
+    """One sentence: the decrease of a landmark's readings, and what to do."""
     share, evidence = reading.fallen
     texts = []
     if evidence is not None:
@@ -222,7 +222,7 @@ def _faded_sentence(reading: Reading, good_day: str) -> str:
 
 
 def _of_tracks(tracked: Rows, when: When, explained: set[str]) -> list[Fault]:
-    """Recordings that are poorly located, and what tracking remarks, where no other fault explains it."""
+    """Recordings that are poorly located, and remarks of tracking, if no other fault explains them."""
     faults = []
     for recording, _, outcome in tracked:
         if not outcome.ok or recording.name in explained or recording.source not in when:

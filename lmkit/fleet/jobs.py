@@ -1,4 +1,4 @@
-"""Stages: one job a recording, whose result or failure is one row of the store."""
+"""Stages: one job per recording; its result or failure is one row of the store."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Guarded:
 
 
 def write_outcome(job: StageJob, outcome: Outcome) -> None:
-    """The row of a job's outcome; last of what the job writes, so that a row stands for whole results."""
+    """Write the row of a job's outcome; it is written last, so that a row implies complete results."""
     about = {"facts": dict(outcome.facts), "source": job.recording.source}
     values = {"recording": outcome.recording, "failure": outcome.failure, "seconds": outcome.seconds}
     row = {name: [value] for name, value in values.items()}
@@ -99,7 +99,7 @@ def _read_row(store: Store, stage: str, key: str) -> Outcome:
 def read_outcomes(store: Store, stage: str, keys: Sequence[str]) -> dict[str, Outcome]:
     """Outcomes of those of the jobs that were run, by key.
 
-    One listing tells which, and rows are read side by side: a bucket needs a tenth of a second for each.
+    One listing finds them, and rows are read in parallel: a bucket needs a tenth of a second for each.
     """
     stored = set(store.names(stage))
     run = [key for key in keys if _row(stage, key).removeprefix(f"{stage}/") in stored]
@@ -113,7 +113,7 @@ def _row(stage: str, key: str) -> str:
 
 @dataclass(frozen=True)
 class StageRun:
-    """A run of a stage, which is done while one goes through its outcomes.
+    """A run of a stage; iterating over its outcomes runs the jobs.
 
     Attributes:
         jobs: still to do.

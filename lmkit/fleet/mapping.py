@@ -46,7 +46,7 @@ class SiteSurvey:
     facts: Mapping[str, Any]
 
     def extending(self, earlier: Mapping[str, Any]) -> SiteSurvey:
-        """With what the survey whose map this one began with knows of its recordings: facts of `extended_surveys`."""
+        """With the facts of the survey that this one extends (`extended_surveys`)."""
         moved = [*earlier["moved"], *self.facts["moved"]]
         return replace(self, facts={**self.facts, "moved": moved, "extends": made_from(earlier)})
 

@@ -1,4 +1,4 @@
-"""Drive a robot to a goal by what it sees: locate, follow the route, go around obstacles, or stop and say why.
+"""Drive a robot to a goal with landmarks: locate, follow the route, avoid obstacles, or stop with a reason.
 
 Every 0.2 s the filter (`tracking/planar_stereo_filter.py`) takes the wheel odometry and the detections of both
 cameras; its estimate steers the robot.  The robot has arrived when 95 % of the pose distribution lies within the
@@ -35,20 +35,20 @@ FASTEST_MPS, FASTEST_RADPS = 0.35, 0.7
 LOOK_AHEAD_M = 0.35
 TURN_FIRST_RAD = 0.5
 NEAR_GOAL_M = 0.3
-SPARE_M = 0.07  # of clearance beyond the radius, where the way allows it
+SPARE_M = 0.07  # of clearance beyond the radius, if the route allows it
 SURE = 2.45  # standard deviations of 95 % in two dimensions
 SURE_1D = 1.96
 UNSURE_M = 0.12  # of the position, from which on the robot looks around
 TURNS = 1.15  # full turns of a look around
 MOST_WAITS = 15  # frames at the goal
 MOST_GOES = 5
-FINE = 0.05  # share of the tolerated turn that is left over; the rest is for what the robot does not know
+FINE = 0.05  # share of the angular tolerance for the control error; the rest is for the uncertainty
 MOST_STEPS = 150  # to the goal once it is near
-STOP_SHORT_M = 0.35  # an obstacle nearer than that is in the way
-SEEN_AT_M = 0.25  # a wall of the plan may be so far off where the robot thinks it is
+STOP_SHORT_M = 0.35  # an obstacle nearer than that blocks the route
+SEEN_AT_M = 0.25  # largest distance between a wall of the plan and its observed place
 OBSTACLE_M = 0.15
 MOST_TIMES_UNSURE = 25
-# Of wheels with a gyro beside them: turns are known far better than by wheels alone.
+# For wheels with a gyro: rotations are far more accurate than with wheels alone.
 WITH_GYRO = MotionNoise(
     along_per_root_m=0.02,
     across_per_root_m=0.005,
@@ -67,7 +67,7 @@ class Robot(Protocol):
     time_s: float
 
     def drive(self, forward_mps: float, turn_radps: float, seconds: float) -> list[tuple[float, float, float, float]]:
-        """Keep to these velocities; rows of time, way, turn and the gyro's rate."""
+        """Drive with these velocities; returns rows of time, distance, rotation and the gyro's rate."""
 
     def look(self) -> Sequence[Sequence[Detection]]:
         """Detections of every camera of the rig."""
@@ -81,11 +81,11 @@ class Site:
     """The surroundings of a robot: floor, landmarks, rig and expected errors.
 
     Attributes:
-        floor: as planned; what is in the way besides is found while driving.
+        floor: the floor plan; other obstacles are found while driving.
         landmarks, rig: the map, and the cameras with their T_base_left.
         radius_m: of the robot.
-        demand, coverage: how well it should know where it is, and how well it will, everywhere.
-        corner_floor_px: as of `LocateOptions`; 0 for simulated corners, which no lens has distorted.
+        demand, coverage: required and expected accuracy of the pose.
+        corner_floor_px: see `LocateOptions`; 0 for simulated corners without lens errors.
     """
 
     floor: FloorPlan
@@ -99,7 +99,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How near to the goal is there."""
+    """Tolerance of the goal."""
 
     place_m: float = 0.05
     heading_rad: float = np.deg2rad(3.0)
@@ -107,13 +107,13 @@ class Tolerance:
 
 @dataclass(eq=False)
 class Journey:
-    """How it went.
+    """Result of driving to a goal.
 
     Attributes:
-        status: ``arrived``, ``lost`` (does not know where it is), ``unsure`` (not well enough for the goal),
-            ``blocked`` (no way left) or ``late``.
+        status: ``arrived``, ``lost`` (pose unknown), ``unsure`` (pose too uncertain for the goal),
+            ``blocked`` (no route left) or ``late``.
         why: in words.
-        poses: what was believed at every frame.
+        poses: estimated pose at every frame.
         routes: the planned ones, the first and those around obstacles.
     """
 
@@ -130,12 +130,12 @@ def drive_to(
     tolerance: Tolerance | None = None,
     on_pose: Callable[[TrackedPose], None] = lambda pose: None,
 ) -> Journey:
-    """Drive until it has arrived, or cannot go on; ``on_pose`` is called with every pose believed."""
+    """Drive until the robot has arrived or must stop; ``on_pose`` is called with every estimated pose."""
     return _Navigator(robot, site, goal, tolerance or Tolerance(), on_pose).run()
 
 
 def surely_there(pose: TrackedPose, goal: Goal, tolerance: Tolerance) -> bool:
-    """The goal lies within tolerance of 95 % of where the robot may be."""
+    """Whether 95 % of the pose distribution is within the tolerance of the goal."""
     if pose.state is None or pose.covariance is None or pose.status != PoseStatus.OK:
         return False
     off = float(np.hypot(goal.x_m - pose.state[0], goal.y_m - pose.state[1]))
@@ -165,7 +165,7 @@ class _Navigator:
         self.obstacles: list[FloatArray] = []
 
     def run(self) -> Journey:
-        """Locate, drive, turn, until there."""
+        """Locate, drive and turn until the goal is reached."""
         if not self.look_around():
             return self.stop("lost", "no landmark of the map determines the pose; mount more, or check the map")
         while self.robot.time_s < MOST_SECONDS:
@@ -191,7 +191,7 @@ class _Navigator:
         return self.stop("late", f"not there after {MOST_SECONDS:.0f} s")
 
     def plan(self) -> Route:
-        """From where it believes to be; with spare clearance where the way allows that."""
+        """Plan a route from the estimated pose, with additional clearance if possible."""
         site, floor = self.site, self.site.floor
         if self.obstacles:
             floor = floor.blocked(np.array(self.obstacles), OBSTACLE_M)
@@ -201,7 +201,7 @@ class _Navigator:
             return self.plan_at(floor, site.radius_m)
 
     def plan_at(self, floor: FloorPlan, radius_m: float) -> Route:
-        """For a robot of that radius; one that stands too close to a wall starts from beside it."""
+        """Plan a route for a robot of that radius; if it is too close to a wall, start beside the wall."""
         site, start = self.site, self.state[:2]
         if floor.clearance_at(start) < radius_m:
             rows, columns = np.nonzero(floor.clearance_m >= radius_m)
@@ -236,7 +236,7 @@ class _Navigator:
         return "late"
 
     def wait_until_known(self) -> str:
-        """The last steps: to the point, then to the heading, until surely within tolerance."""
+        """The last steps: to the point, then to the heading, until certainly within tolerance."""
         end = np.array([self.goal.x_m, self.goal.y_m])
         for go in range(MOST_GOES):
             self.go_to(end)
@@ -249,7 +249,7 @@ class _Navigator:
                 if self.sure_enough():
                     break
             else:
-                # Landmarks on one side may be fewer degrees from the goal's heading; the last go ends at the goal.
+                # Landmarks on one side may be closer to the goal's heading; the last rotation ends at the goal.
                 if go < MOST_GOES - 1:
                     self.look_around(0.3 * self.tolerance.place_m / SURE, to_left=go % 2 == 0)
         return "unsure"
@@ -279,14 +279,14 @@ class _Navigator:
             self.step(0.0, float(np.clip(1.5 * turn, -0.5, 0.5)))
 
     def sure_enough(self) -> bool:
-        """Known well enough that driving on, not looking around, is what is missing."""
+        """Whether the pose is accurate enough to drive on instead of looking around."""
         return bool(
             SURE * self.sigma_m() < 0.6 * self.tolerance.place_m
             and SURE_1D * self.sigma_rad() < 0.6 * self.tolerance.heading_rad
         )
 
     def doubts(self) -> str:
-        """Distance and turn from the goal that are possible (95 %), and those allowed, in words."""
+        """Possible (95 %) and allowed distance and rotation from the goal, as text."""
         off_m = float(np.hypot(self.goal.x_m - self.state[0], self.goal.y_m - self.state[1])) + SURE * self.sigma_m()
         place = f"perhaps {length_text(off_m)} off ({length_text(self.tolerance.place_m)} allowed)"
         if self.goal.heading_rad is None:
@@ -296,7 +296,7 @@ class _Navigator:
         return f"{place} and {np.rad2deg(turn):.1f} deg turned ({allowed:.2g} deg allowed)"
 
     def look_around(self, wanted_m: float = 0.15 * UNSURE_M, to_left: bool = True) -> bool:
-        """Turn on the spot until the place is known that well; False where a full turn does not help at all."""
+        """Turn on the spot until the pose is this accurate; False if a full turn does not help."""
         rate = 0.7 * FASTEST_RADPS if to_left else -0.7 * FASTEST_RADPS
         steps = int(TURNS * 2 * np.pi / abs(rate) / PERIOD_S)
         for k in range(steps):
@@ -306,19 +306,19 @@ class _Navigator:
         return bool(self.pose.status == PoseStatus.OK and self.sigma_m() < UNSURE_M)
 
     def note_obstacle(self, at: FloatArray) -> bool:
-        """Put what is ahead into the plan; False where a wall of the plan stands there."""
+        """Add the obstacle ahead to the plan; False if it is a wall of the plan."""
         c, s = np.cos(self.state[2]), np.sin(self.state[2])
         place = self.state[:2] + np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
         if self.site.floor.clearance_at(place) < SEEN_AT_M:
             return False
-        # What was noted before is gone around.
+        # Obstacles that were noted before are avoided already.
         if any(np.linalg.norm(place - known) < 0.5 * OBSTACLE_M for known in self.obstacles):
             return False
         self.obstacles.append(place)
         return True
 
     def step(self, forward_mps: float, turn_radps: float) -> None:
-        """Drive for one period, look, and think."""
+        """Drive for one period, detect, and update the filter."""
         for time_s, forward_m, turn_rad, rate in self.robot.drive(forward_mps, turn_radps, PERIOD_S):
             self.filter.wheels.add_odometry(time_s, forward_m, turn_rad)
             self.filter.wheels.add_gyro(time_s, rate)
@@ -328,12 +328,12 @@ class _Navigator:
 
     @property
     def state(self) -> FloatArray:
-        """(3,) believed."""
+        """(3,) estimated state."""
         assert self.pose.state is not None
         return self.pose.state
 
     def sigma_m(self) -> float:
-        """Standard deviation of the position along its least known direction."""
+        """Standard deviation of the position along its least certain direction."""
         return float("inf") if self.pose.covariance is None else _widest_m(self.pose.covariance)
 
     def sigma_rad(self) -> float:
@@ -341,14 +341,14 @@ class _Navigator:
         return float("inf") if self.pose.covariance is None else float(np.sqrt(self.pose.covariance[2, 2]))
 
     def stop(self, status: str, why: str) -> Journey:
-        """The end, and what it was."""
+        """Stop, with the status and reason."""
         self.robot.drive(0.0, 0.0, PERIOD_S)
         self.journey.status, self.journey.why = status, why
         return self.journey
 
 
 class _Way:
-    """Straight lines to follow, and how far one has come."""
+    """Straight lines to follow, and the progress along them."""
 
     def __init__(self, waypoints: FloatArray) -> None:
         self.points = waypoints
@@ -363,18 +363,18 @@ class _Way:
 
     @property
     def left_m(self) -> float:
-        """Still to go."""
+        """Remaining distance."""
         return float(self.at[-1] - self.come)
 
     def ahead(self, here: FloatArray, far_m: float) -> FloatArray:
-        """(2,) the point of the way that far beyond the one nearest to here; progress never goes back."""
+        """(2,) the point at that distance beyond the nearest point of the route; progress never decreases."""
         steps = np.arange(self.come, min(self.come + 1.0, self.at[-1]) + 1e-9, 0.02)
         along = self.place(steps)
         self.come = float(steps[np.argmin(np.linalg.norm(along - here, axis=1))])
         return np.asarray(self.place(np.array([min(self.come + far_m, self.at[-1])]))[0])
 
     def place(self, along: FloatArray) -> FloatArray:
-        """(N,2) at distances along the way."""
+        """(N,2) points at distances along the route."""
         return np.column_stack([np.interp(along, self.at, self.points[:, k]) for k in (0, 1)])
 
 

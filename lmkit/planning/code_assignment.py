@@ -23,7 +23,7 @@ def assign_codes(
 ) -> list[LandmarkId]:
     """An id for each of (N) places (3,), none of which is mounted already.
 
-    In turn each place takes the code whose nearest confusable landmark is mounted the farthest.
+    Each place in turn gets the code whose nearest confusable landmark is farthest away.
 
     Raises:
         InputError: the family has too few codes.

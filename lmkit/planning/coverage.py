@@ -1,4 +1,4 @@
-"""How well a robot would know where it is, at every place of a floor and in every direction."""
+"""Expected accuracy of a robot's pose, at every place of a floor and for every heading."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from lmkit.model.landmark_map import MappedLandmark
 from lmkit.planning.visibility import Sights, find_sights, planar_covariances, planar_errors
 from lmkit.units import counted, length_text
 
-BLIND_M = 10.0  # an error as large is none worth a word
-# An error from which `locate` calls its answer ambiguous.
+BLIND_M = 10.0  # errors this large are not reported
+# Errors from this size on are `ambiguous` or `imprecise` for `locate`.
 AMBIGUOUS_M = LocateOptions.far_m / np.sqrt(2 * LocateOptions.ambiguous_below)
 PROMISE_DRAWS = 32
 HEADINGS = 16
@@ -30,7 +30,7 @@ FINEST_M, COARSEST_M = 0.25, 2.0
 LEAST_FAILING_M2 = 0.5
 MOST_NAMED = 8  # failing places that a summary lists
 
-# Largest value of each number of a demand, and how to give it.
+# Largest value of each number of a demand, and the hint of its error.
 DEMAND_RANGES = (
     ("error_m", BLIND_M, "give meters, such as 0.05"),
     ("heading_rad", math.pi, "give radians, such as math.radians(2)"),
@@ -47,9 +47,9 @@ class Demand:
     Attributes:
         error_m: of the position, root mean square.
         heading_rad: of the heading.
-        in_view: landmarks that must be in view at once.
-        headings: share of the directions in which this must hold, for a place to count.
-        share: of all places at which it must hold.
+        in_view: landmarks that must be in view at the same time.
+        headings: share of the headings that must meet the requirement at a place.
+        share: share of all places that must meet it.
 
     Raises:
         InputError: a number out of range; names it.
@@ -85,13 +85,13 @@ class Demand:
 
 @dataclass(frozen=True, eq=False)
 class PoseCoverage:
-    """Places on a raster over the floor, and what is to be expected in every direction.
+    """Places on a raster over the floor, with the expected errors for every heading.
 
     Attributes:
         places: (N,2) meters.
         step_m: between places.
         headings: (H,) rad.
-        error_m, heading_rad: (N,H) expected errors, infinite where nothing is known.
+        error_m, heading_rad: (N,H) expected errors, infinite where the pose is not determined.
         in_view: (N,H) landmarks in view.
     """
 
@@ -103,7 +103,7 @@ class PoseCoverage:
     in_view: IntArray
 
     def holds(self, demand: Demand) -> BoolArray:
-        """(N,H) where the demand holds."""
+        """(N,H) whether the demand is met."""
         return np.asarray(
             (self.error_m <= demand.error_m)
             & (self.heading_rad <= demand.heading_rad)
@@ -111,15 +111,15 @@ class PoseCoverage:
         )
 
     def covered(self, demand: Demand) -> BoolArray:
-        """(N,) places where it holds in enough directions."""
+        """(N,) whether it is met for enough headings at a place."""
         return np.asarray(self.holds(demand).mean(axis=1) >= demand.headings - 1e-9)
 
     def typical_error_m(self, headings: float) -> FloatArray:
-        """(N,) the error that the robot keeps to in that share of the directions."""
+        """(N,) the largest error in the best headings, of that share."""
         return np.asarray(np.sort(self.error_m, axis=1)[:, self._rank(headings)])
 
     def typical_in_view(self, headings: float) -> IntArray:
-        """(N,) the landmarks in view in that share of the directions."""
+        """(N,) the least number of landmarks in view in the best headings, of that share."""
         return np.asarray(np.sort(self.in_view, axis=1)[:, ::-1][:, self._rank(headings)])
 
     def _rank(self, headings: float) -> int:
@@ -128,13 +128,13 @@ class PoseCoverage:
 
 @dataclass(frozen=True)
 class FailingPlace:
-    """A region where the demand does not hold.
+    """A region where the demand is not met.
 
     Attributes:
         middle: (x, y) of the place deepest inside it, meters.
         area_m2: how large it is.
-        in_view, error_m: landmarks in view there and the error to be expected, infinite where nothing is known, at
-            the edge of the directions in which the demand should hold.
+        in_view, error_m: landmarks in view there and expected error, infinite if the pose is not determined, at
+            the worst of the headings that must meet the demand.
     """
 
     middle: tuple[float, float]
@@ -151,7 +151,7 @@ class FailingPlace:
         return f"{self.area_m2:.1f} m2 around ({x:.1f}, {y:.1f}) m: {seen}, {known}"
 
     def reason(self, demand: Demand) -> str:
-        """The part of the requirement that does not hold."""
+        """The part of the requirement that is not met."""
         if self.in_view < demand.in_view:
             return f"{counted(demand.in_view, 'landmark')} required"
         return f"{length_text(demand.error_m)} required" if self.error_m > demand.error_m else "heading too uncertain"
@@ -229,10 +229,11 @@ def expected_errors(sights: Sights, states: FloatArray, rig: AnyRig) -> tuple[Fl
 
 
 def promised_errors(sights: Sights, states: FloatArray, rig: AnyRig) -> FloatArray:
-    """(P,) root mean square errors of the position (m) over what may be read; infinite where hardly anything is.
+    """(P,) root mean square errors of the position (m) over random sets of read landmarks; infinite if few are read.
 
-    Landmarks in view are drawn as often as they are read; draws that `locate` would call ambiguous are left out.  Not
-    what the search looks at: a landmark missed now and then, whose loss costs ten times the error, raises the mean.
+    Landmarks in view are drawn with their probability of being read; draws that are ambiguous for `locate` are left
+    out.  The search does not use this measure: rare draws without an important landmark, with ten times the error,
+    dominate the mean.
     """
     assert rig.T_base_left is not None
     rng = np.random.default_rng(0)
@@ -274,7 +275,7 @@ def failing_places(coverage: PoseCoverage, demand: Demand) -> list[FailingPlace]
 def coverage_dict(
     coverage: PoseCoverage, demand: Demand, failing: Sequence[FailingPlace], plan: Path
 ) -> dict[str, Any]:
-    """The result as docs/formats.md has it.
+    """The JSON result (docs/formats.md).
 
     Args:
         failing: from `failing_places`.

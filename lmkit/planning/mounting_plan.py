@@ -1,4 +1,4 @@
-"""Mounting plan of a placement: the sheets to print, and where each belongs."""
+"""Mounting plan of a placement: the sheets to print, and the place of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sites for landmarks: along the usable walls, at every height that is offered."""
+"""Sites for landmarks: along the usable walls, at every allowed height."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class MountingOptions:
     Attributes:
         family: of all of them.
         sizes_m: to choose from.
-        heights_m: of their middles, to choose from; none: a little above the camera.
-        not_on: names of walls that stay bare, beside those that the floor plan says.
+        heights_m: of their centers, to choose from; none: slightly above the camera.
+        not_on: names of walls without landmarks, in addition to those of the floor plan.
         swap_s: time to search for pairs of landmarks that one landmark can replace.
     """
 
@@ -39,7 +39,7 @@ class MountingOptions:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A landmark to mount up: on which wall, how far from its left end, how high; meters to its middle."""
+    """A landmark to mount: wall, distance from its left end and height, meters to the landmark's center."""
 
     landmark: MappedLandmark
     wall: Wall
@@ -53,7 +53,7 @@ class Mount:
 
 
 def crowded(landmarks: Sequence[MappedLandmark], others: Sequence[MappedLandmark]) -> BoolArray:
-    """(N,M) where two have no room beside each other."""
+    """(N,M) whether two sites are too close to each other."""
     here, there = (np.array([m.T_map_landmark.t for m in some]).reshape(-1, 3) for some in (landmarks, others))
     rooms = [np.array([m.size_m + 2 * EDGE_M for m in some]) for some in (landmarks, others)]
     apart = np.linalg.norm(here[:, None] - there[None], axis=2)
@@ -64,7 +64,7 @@ def possible_mounts(floor: FloorPlan, rig: AnyRig, options: MountingOptions) -> 
     """Sites for landmarks of the largest size that fits on the usable walls, without codes yet.
 
     Raises:
-        InputError: a wall is named that is not there.
+        InputError: a named wall does not exist.
     """
     known = {wall.name for wall in floor.walls}
     for name in options.not_on:

@@ -1,6 +1,6 @@
 """Placement of landmarks for a required accuracy.
 
-Candidates stand along the walls (`mounting_sites.py`).  The search takes the fewest that meet the demand
+Candidates are along the walls (`mounting_sites.py`).  The search takes the fewest that meet the demand
 (`placement_search.py`).  The result is checked on places that the search did not use.
 """
 
@@ -24,22 +24,22 @@ from lmkit.planning.placement_search import Search
 from lmkit.planning.visibility import find_sights
 from lmkit.units import counted
 
-MARGIN = 0.005  # of the share, for places between those that were looked at
+MARGIN = 0.005  # of the share, for places between those of the search
 REMEDIES = 5
-MOST_PROMISED = 2000  # poses that the promised error is taken over
-CHECKED_STEP = 0.7  # of the search's step between places: those that check the result are others
+MOST_PROMISED = 2000  # poses over which the promised error is averaged
+CHECKED_STEP = 0.7  # of the search's step between places: the result is checked at other places
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Landmarks to mount, and what they hold.
+    """Landmarks to mount, and the accuracy that they give.
 
     Attributes:
         mounts: the new ones.
-        landmarks: those and the ones that mounted before.
-        coverage: on places that the search did not look at.
-        share: of those places at which the demand holds.
-        error_m: what the position error keeps to there, root mean square over all poses that hold.
+        landmarks: those and the ones that were mounted before.
+        coverage: at places that the search did not use.
+        share: share of those places that meet the demand.
+        error_m: position error there, root mean square over all poses that meet the demand.
     """
 
     mounts: tuple[Mount, ...]
@@ -80,15 +80,15 @@ def place_landmarks(
     options: MountingOptions,
     on_step: Callable[[int, float], None] = lambda count, share: None,
 ) -> Placement:
-    """The fewest landmarks found that hold the demand, none larger than it has to be.
+    """The fewest landmarks found that meet the demand, none larger than necessary.
 
     Args:
-        mounted: landmarks that are mounted already and stay.
+        mounted: landmarks that are already mounted, and are kept.
         on_step: called with the number of landmarks and the share covered so far.
 
     Raises:
-        InputError: no wall to mount anything on, or the robot fits nowhere.
-        NegativeAnswer: no number of landmarks holds the demand; says what is possible.
+        InputError: no wall for a landmark, or the robot fits nowhere.
+        NegativeAnswer: no number of landmarks meets the demand; the message states what is possible.
     """
     mounts = possible_mounts(floor, rig, options)
     taken = crowded([mount.landmark for mount in mounts], existing)
@@ -132,7 +132,7 @@ def _finish(
     demand: Demand,
     options: MountingOptions,
 ) -> Placement:
-    """Codes, and what holds at places that the search did not look at."""
+    """Assign codes, and check the demand at places that the search did not use."""
     chosen = [search.spots[k].mount for k in sorted(search.chosen)]
     ids = assign_codes([mount.landmark.T_map_landmark.t for mount in chosen], existing, options.family)
     mounts = tuple(

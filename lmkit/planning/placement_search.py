@@ -1,11 +1,11 @@
-"""Which of many landmarks to mount: greedy, with swap.
+"""Selection of landmarks from many candidates: greedy, with swaps.
 
 1. The information that each candidate gives at every pose is computed once (`visibility.py`).
 2. Greedy: the candidate is added that brings places nearest to the demand, until enough of them are covered.  For a
-   demand of counts alone this is submodular cover, and greedy needs at most 1 + ln(places) times the fewest landmarks
-   (Wolsey 1982); with errors in it there is no such bound, so what the result holds is measured, on other places.
-3. Landmarks that are not needed are taken down; then two are taken down for one mounted elsewhere, while time lasts.
-4. Each landmark shrinks to the smallest size with which the demand still holds.
+   demand of counts alone this is submodular cover, and greedy needs at most 1 + ln(places) times the optimal number
+   (Wolsey 1982); for a demand with errors there is no such bound, so the result is checked at other places.
+3. Landmarks that are not needed are removed; then two are replaced by one at another place, within the time limit.
+4. Each landmark shrinks to the smallest size with which the demand is still met.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ NEIGHBOURS_M = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A candidate, (R,) the poses that may read it, (R,6,6) what it tells there, (R,) whether it is in view."""
+    """A candidate: (R,) the poses that may read it, (R,6,6) its information there, (R,) whether it is in view."""
 
     mount: Mount
     rows: IntArray
@@ -55,7 +55,7 @@ def _resized(mount: Mount, size_m: float) -> Mount:
 
 
 class Search:
-    """Candidates, what each tells every pose, and which are mounted."""
+    """Candidates, their information at every pose, and which are mounted."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class Search:
         return float((self.coverage.held >= HELD).mean())
 
     def require_possible(self) -> None:
-        """Refuse what even a landmark wherever one fits would not hold.
+        """Refuse a demand that landmarks at all candidates together would not meet.
 
         Raises:
             NegativeAnswer: says what is possible.
@@ -141,7 +141,7 @@ class Search:
         )
 
     def fill(self, target: float, on_step: Callable[[int, float], None]) -> None:
-        """Greedy, with gains looked at again only where they may be the best (Minoux 1978)."""
+        """Greedy selection; gains are computed again only where they may be the best (Minoux 1978)."""
         heap = [(-np.inf, k) for k in range(len(self.spots)) if k not in self.chosen]
         while self.share < target and heap:
             best = None
@@ -160,7 +160,7 @@ class Search:
             on_step(len(self.chosen), self.share)
 
     def swap(self, target: float, seconds: float) -> None:
-        """Two for one, while time lasts."""
+        """Replace two landmarks by one, within the time limit."""
         until = time.monotonic() + seconds
         target = min(target, self.share)
         better = True
@@ -169,7 +169,7 @@ class Search:
             for k in sorted(self.chosen, key=self._loss):
                 near = self._neighbors(k)
                 self.take(k)
-                # What helps most in its place: does another one become needless then?
+                # The best candidate in its place may make another landmark unnecessary.
                 gains = sorted(((self.gain(j), j) for j in near), reverse=True)[:3]
                 for _, j in gains:
                     self.put(j)
@@ -192,12 +192,12 @@ class Search:
         return self._change(k, 1, apply=False)[0]
 
     def put(self, k: int) -> None:
-        """Mount it."""
+        """Mount a candidate."""
         self.chosen.append(k)
         self._add(k, 1)
 
     def take(self, k: int) -> None:
-        """Take it down."""
+        """Remove a mounted candidate."""
         self.chosen.remove(k)
         self._add(k, -1)
 
@@ -205,7 +205,7 @@ class Search:
         self._change(k, sign, apply=True)
 
     def _change(self, k: int, sign: int, apply: bool) -> tuple[float, int]:
-        """Effect of one landmark more or less: the sum of the places' scores, and the number of places that hold."""
+        """Effect of adding or removing a landmark: sum of the places' scores, and places that meet the demand."""
         spot = self.spots[k]
         return change_coverage(self.coverage, spot.rows, spot.information, spot.shown, sign, apply)
 
@@ -218,13 +218,13 @@ class Search:
         return left / len(held) >= target
 
     def prune(self, target: float) -> None:
-        """Take down what is not needed."""
+        """Remove landmarks that are not needed."""
         for k in sorted(self.chosen, key=self._loss):
             if self._needless(k, target):
                 self.take(k)
 
     def shrink(self, target: float, sizes_m: Sequence[float]) -> None:
-        """Each as small as the demand allows, what is least needed first."""
+        """Make each landmark as small as the demand allows, the least needed first."""
         target = min(target, self.share)
         for k in sorted(self.chosen, key=self._loss):
             was = self.spots[k]
@@ -244,7 +244,7 @@ class Search:
         return {k: self.spots[k] for k in self.chosen}
 
     def mount(self, spots: Mapping[int, Site]) -> None:
-        """That, and nothing else."""
+        """Mount exactly these candidates."""
         for k in list(self.chosen):
             self.take(k)
         for k, spot in spots.items():
@@ -252,11 +252,11 @@ class Search:
             self.put(k)
 
     def _crowded(self, k: int) -> bool:
-        """Does something are mounted there already?"""
+        """Whether a landmark is already mounted too close to a candidate."""
         return bool(self.crowds[k, self.chosen].any())
 
     def _neighbors(self, k: int) -> list[int]:
-        """Candidates near one that is to be replaced, where there is room without it."""
+        """Candidates near a landmark to be replaced, with room once it is removed."""
         here = self.spots[k].mount.landmark.T_map_landmark.t
         others = [i for i in self.chosen if i != k]
         return [

@@ -1,10 +1,11 @@
-"""The way to a goal on which the pose stays known: the shortest path, where blind edges count as longer ones.
+"""Route to a goal on which the pose stays known: the shortest path, with longer lengths where no landmark is seen.
 
-1. Cells that leave the robot its radius are joined to their eight neighbors.  A step costs its length, more where
-   the pose is less known than demanded while looking along it, or where walls are close.  (Dijkstra by scipy: costs
-   that depend on the direction are beyond skimage.graph; docs/decisions/0011-planning.md.)
-2. Corners that a straight line spares at no higher cost are left out.
-3. The covariance is carried along the way: wheels let it grow, landmarks in view shrink it.
+1. Cells with enough clearance for the robot are connected to their eight neighbors.  A step costs its length, more
+where
+   the expected error exceeds the demand in the direction of travel, or where walls are close.  (Dijkstra by scipy:
+   costs that depend on the direction are beyond skimage.graph; docs/decisions/0011-planning.md.)
+2. Corners are left out if a straight line has no higher cost.
+3. The covariance is propagated along the route: it grows with wheel odometry and shrinks with landmarks in view.
 """
 
 from __future__ import annotations
@@ -35,25 +36,25 @@ from lmkit.planning.visibility import find_sights, planar_covariances, planar_er
 from lmkit.units import counted, length_text
 
 CELL_M = 0.1
-BLIND_FACTOR = 3.0  # a blind meter counts as much more
-BLIND_TIMES = 20.0  # an error so many times the demanded one is as bad as any
+BLIND_FACTOR = 3.0  # additional length factor without landmarks
+BLIND_TIMES = 20.0  # errors above this multiple of the demand cost the same
 CLOSE_FACTOR = 1.0
 COMFORT_M = 0.2  # of clearance beyond the radius
 CHEAPER = 1.01
-STEP_M = 0.25  # between poses at which landmarks are counted: nearer ones err alike
-BEFORE_SIGN_M = 1.0  # a robot sent to a landmark stands so far before it
+STEP_M = 0.25  # between poses at which landmarks are used: errors of nearer poses are correlated
+BEFORE_SIGN_M = 1.0  # distance of a robot in front of a landmark that is its goal
 START_SIGMA = (0.03, 0.03, np.deg2rad(1.0))
 NEIGHBOURS = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # rows, columns; by 45 deg
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A way to drive.
+    """A planned route.
 
     Attributes:
         waypoints: (N,2) meters, straight lines between them.
-        heading_rad: to turn to at the goal, or None.
-        states: (M,3) x, y, heading along the way, dense.
+        heading_rad: at the goal, or None.
+        states: (M,3) x, y, heading along the route, dense.
         error_m, heading_sigma_rad: (M,) expected there.
     """
 
@@ -97,10 +98,10 @@ class Goal:
 
 
 def find_goal(text: str, floor: FloorPlan, landmarks: LandmarkMap, radius_m: float) -> Goal:
-    """A place as people say it: ``2.5,1``, ``2.5,1,90`` (deg), a name of the floor plan or the map, or a
+    """A goal from text: ``2.5,1``, ``2.5,1,90`` (deg), a name of the floor plan or the map, or a
     landmark (``137``, ``lm8:137``).
 
-    A landmark is a signpost: the robot stands before it and looks at it.
+    With a landmark, the goal is in front of it, and the robot faces it.
 
     Raises:
         InputError: nothing of that name, or several landmarks.
@@ -141,14 +142,14 @@ def plan_route(
     demand: Demand,
     coverage: PoseCoverage | None = None,
 ) -> Route:
-    """The way from one place to another.
+    """The route from one place to another.
 
     Args:
-        coverage: of this floor, where it is known already.
+        coverage: of this floor, if already computed.
 
     Raises:
-        InputError: a robot of that radius cannot stand at the start or the goal; names the nearest place it can.
-        NegativeAnswer: no way leads there; names the nearest place that one leads to.
+        InputError: a robot of that radius cannot stand at the start or the goal; names the nearest possible place.
+        NegativeAnswer: there is no route; names the nearest place that can be reached.
     """
     grid = _Grid(floor, radius_m)
     ends = [grid.node(spot, name) for spot, name in ((start, "start"), (goal, "goal"))]
@@ -223,7 +224,7 @@ class _Grid:
         return np.asarray(_factor(known, self.clearance - self.radius_m, demand))
 
     def search(self, factors: FloatArray, ends: Sequence[int]) -> IntArray:
-        """(K,) cells of the cheapest way."""
+        """(K,) cells of the cheapest path."""
         starts, stops, weights = [], [], []
         for direction, (down, right) in enumerate(NEIGHBOURS):
             rows, columns = self.rows + down, self.columns + right
@@ -243,7 +244,7 @@ class _Grid:
 
 
 def _factor(error_m: FloatArray, spare_m: FloatArray, demand: Demand) -> FloatArray:
-    """How much longer a meter counts where the pose is known to that error, and walls leave that much to spare."""
+    """Factor on lengths for an expected error and a clearance."""
     times = np.minimum(error_m / demand.error_m, BLIND_TIMES)
     blind = np.log(np.maximum(times, 1.0)) / np.log(BLIND_TIMES)
     close = np.clip(1 - spare_m / COMFORT_M, 0, 1)
@@ -251,7 +252,7 @@ def _factor(error_m: FloatArray, spare_m: FloatArray, demand: Demand) -> FloatAr
 
 
 def _straightened(points: FloatArray, grid: _Grid, coverage: PoseCoverage, demand: Demand) -> FloatArray:
-    """(N,2) without the corners that a straight line spares."""
+    """(N,2) without corners that a straight line makes unnecessary."""
     places = cKDTree(coverage.places)
 
     def cost(a: FloatArray, b: FloatArray) -> float:
@@ -272,7 +273,7 @@ def _straightened(points: FloatArray, grid: _Grid, coverage: PoseCoverage, deman
     kept = [0]
     while kept[-1] < len(points) - 1:
         here = kept[-1]
-        # The farthest that a straight line reaches at no higher cost; the next one it always does.
+        # The farthest point that a straight line reaches at no higher cost; it always reaches the next one.
         kept.append(
             next(
                 (
@@ -299,7 +300,7 @@ def _dense(waypoints: FloatArray) -> FloatArray:
 
 
 def _carried(states: FloatArray, landmarks: Sequence[MappedLandmark], rig: AnyRig, floor: FloorPlan) -> FloatArray:
-    """(M,3,3) covariances along the way."""
+    """(M,3,3) covariances along the route."""
     assert rig.T_base_left is not None
     sights = find_sights(states, landmarks, rig, floor)
     information = planar_covariances(sights.information_at(len(states)), states, rig.T_base_left)

@@ -1,4 +1,4 @@
-"""Information that a robot's cameras get from landmarks, from any pose on a floor.
+"""Information of landmarks on a robot's pose, at any pose on a floor.
 
 For every pose and visible landmark (in front, in the image, no wall between): the probability that it is
 read (`model/detector_model.py`), and the Fisher information of its corners on the pose (derivatives of all corners
@@ -25,21 +25,22 @@ from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import MappedLandmark
 
 NEAREST_M = 0.3
-STEEPEST = 0.1  # cosine of the tilt beyond which nobody reads
+STEEPEST = 0.1  # cosine of the tilt beyond which landmarks are not read
 EDGE = 0.75  # of the image's tangent, beyond which distortion folds back
-IN_VIEW = 0.5  # probability from which a landmark counts as one that is in view
-NOTHING = 1e-4  # as good as none, but above what sums of large numbers leave
+IN_VIEW = 0.5  # least probability of reading for a landmark that counts as in view
+NOTHING = 1e-4  # practically zero, but above rounding errors of large sums
 AT_ONCE = 2_000_000  # pairs of pose and landmark
 
 
 @dataclass(frozen=True, eq=False)
 class Sights:
-    """Pairs of pose and landmark that see each other.
+    """Pairs of pose and visible landmark.
 
     Attributes:
         poses, landmarks: (K,) rows, in rising order of the poses.
         probability: (K,) that it is read.
-        information: (K,6,6) on the left camera's place (m) and turn (rad) in the map, of a landmark that is read.
+        information: (K,6,6) on the left camera's position (m) and rotation (rad) in the map, of a landmark that is
+            read.
     """
 
     poses: IntArray
@@ -48,13 +49,13 @@ class Sights:
     information: FloatArray
 
     def information_at(self, count: int) -> FloatArray:
-        """(P,6,6) what all landmarks tell, each as much as it is likely to be read, at each of so many poses."""
+        """(P,6,6) information of all landmarks at each pose, weighted with the probability of reading."""
         total = np.zeros((count, 6, 6))
         np.add.at(total, self.poses, self.probability[:, None, None] * self.information)
         return total
 
     def in_view_at(self, count: int) -> IntArray:
-        """(P,) landmarks in view at each of so many poses."""
+        """(P,) landmarks in view at each pose."""
         return np.bincount(self.poses[self.probability >= IN_VIEW], minlength=count)
 
 
@@ -68,7 +69,7 @@ def find_sights(
 
     Args:
         rig: with its T_base_left.
-        floor: whose walls hide landmarks; None for an empty world.
+        floor: its walls occlude landmarks; None for an empty world.
     """
     assert rig.T_base_left is not None
     if not landmarks or not len(states):
@@ -93,13 +94,13 @@ def camera_poses(states: FloatArray, T_base_left: Pose) -> tuple[FloatArray, Flo
 def planar_covariances(information: FloatArray, states: FloatArray, T_base_left: Pose) -> FloatArray:
     """(P,3,3) of the base's x, y (m) and heading (rad), from (P,6,6) information on the left camera.
 
-    Height and level are known as of a robot on wheels (`PosePrior`); where nothing is seen, the covariance is huge.
+    Height and tilt have the prior of a robot on wheels (`PosePrior`); without landmarks, the covariance is huge.
     """
     return kernel.planar_covariances(information, base_to_camera(states, T_base_left), known_of_pose())
 
 
 def known_of_pose() -> FloatArray:
-    """(6,) information on a camera's pose that is there without landmarks: of its height and level."""
+    """(6,) prior information on a camera's pose: its height and tilt."""
     tilt, height = PosePrior.tilt_sigma**-2, PosePrior.height_sigma**-2
     return np.array([NOTHING, NOTHING, height, tilt, tilt, NOTHING])
 
