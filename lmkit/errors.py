@@ -7,6 +7,8 @@ Wrong input is an :class:`InputError` (exit code 2); a run that worked with a ne
 from __future__ import annotations
 
 import errno
+import sys
+import warnings
 
 # Hint where a package of an optional extra is missing.
 EXTRA = "in the checkout: uv sync --extra {0}, or pip install '.[{0}]'"
@@ -62,6 +64,14 @@ class InputError(LmkitError):
 
 class InputWarning(UserWarning):
     """Input that is possible, but seldom meant; the command line prints it in one line on stderr."""
+
+
+def warn_caller(warning: UserWarning) -> None:
+    """Issue a warning at the line outside lmkit that called it, however deep below the problem was found."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "lmkit":
+        level, frame = level + 1, frame.f_back
+    warnings.warn(warning, stacklevel=level)
 
 
 class NegativeAnswer(LmkitError):

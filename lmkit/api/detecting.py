@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -22,7 +21,7 @@ from lmkit.api.arguments import (
     require_type,
 )
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, warn_caller
 from lmkit.geometry.camera import CameraModel
 from lmkit.model.detections import Detections
 
@@ -237,10 +236,10 @@ def _warn_of_colors(image: ByteArray, options: DetectOptions) -> bool:
     from lmkit.detection.windows import is_colorless
 
     if is_colorless(image):
-        warnings.warn(ImageWarning(GRAY), stacklevel=4)
+        warn_caller(ImageWarning(GRAY))
         return True
     if detect_landmarks(np.ascontiguousarray(image[:, :, ::-1]), options):
         text = "landmarks are found once red and blue are swapped: give BGR, such as image[:, :, ::-1] of RGB"
-        warnings.warn(ImageWarning(text), stacklevel=4)
+        warn_caller(ImageWarning(text))
         return True
     return False

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import TypeVar
 
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
 from lmkit.geometry.stereo_rig import StereoRig
@@ -61,7 +60,7 @@ def read_rig_pair(left: Path, right: Path) -> StereoRig:
 def _plausible(rig: RigKind, name: str) -> RigKind:
     require_plausible(rig, name)
     for sentence in rig_warnings(rig, name):
-        warnings.warn(InputWarning(sentence), stacklevel=3)
+        warn_caller(InputWarning(sentence))
     return rig
 
 

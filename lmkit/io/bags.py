@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lmkit.errors import EXTRA, InputError, InputWarning
+from lmkit.errors import EXTRA, InputError, InputWarning, warn_caller
 from lmkit.geometry.imu_axes import upward_rates
 from lmkit.io.documents import dump_yaml
 from lmkit.io.ros_camera_info import FILES
@@ -292,7 +291,7 @@ def _gyro_lines(inertial: list[tuple[float, ...]]) -> list[str]:
     table = np.array(inertial, dtype=np.float64).reshape(-1, 7)
     rates, sentence = upward_rates(table[:, 1:4], table[:, 4:])
     if sentence is not None:
-        warnings.warn(InputWarning(sentence), stacklevel=3)
+        warn_caller(InputWarning(sentence))
     rows = zip(table[:, 0].tolist(), rates.tolist(), strict=True)
     return ["time_s,rate_radps", *(f"{time_s:.6f},{rate:.6f}" for time_s, rate in rows)]
 

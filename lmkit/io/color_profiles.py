@@ -6,13 +6,12 @@ Phones save Display P3, cameras at times Adobe RGB, printers' files CMYK; taken 
 from __future__ import annotations
 
 import io
-import warnings
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from lmkit.errors import InputWarning
+from lmkit.errors import InputWarning, warn_caller
 
 if TYPE_CHECKING:
     from PIL.ImageCms import ImageCmsTransform
@@ -40,7 +39,7 @@ def in_srgb(image: Image.Image, profile: object, name: str) -> Image.Image:
         return image if transform is None else ImageCms.applyTransform(image, transform) or image
     except (ImportError, OSError, ValueError, TypeError, ImageCms.PyCMSError):
         sentence = f"{name}: its color profile cannot be read, and is not applied: colors are taken as sRGB"
-        warnings.warn(InputWarning(sentence), stacklevel=4)
+        warn_caller(InputWarning(sentence))
         return image
 
 

@@ -10,7 +10,6 @@ import fnmatch
 import logging
 import re
 import struct
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import EXTRA, InputError, InputWarning
+from lmkit.errors import EXTRA, InputError, InputWarning, warn_caller
 from lmkit.io.documents import require_regular, unreadable
 from lmkit.io.tables import LARGEST
 
@@ -126,7 +125,7 @@ def read_dxf_lines(
     ends = (ends - ends.reshape(-1, 2).min(axis=0)) * unit_m
     _check_extent(path, float(ends.max()), unit_m)
     for sentence in _remarks(path, drawing):
-        warnings.warn(InputWarning(sentence), stacklevel=3)
+        warn_caller(InputWarning(sentence))
     return [(a, b) for a, b in ends]
 
 
@@ -180,7 +179,7 @@ def _unit_m(path: Path, document: Drawing, scale_m: float | None) -> float:
     if abs(scale_m / own - 1) > 1e-6:
         name = units.unit_name(document.header["$INSUNITS"]).lower()
         sentence = f"{path}: the file says that its unit is {name} ({own:g} m); --scale {scale_m:g} is used"
-        warnings.warn(InputWarning(sentence), stacklevel=4)
+        warn_caller(InputWarning(sentence))
     return scale_m
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lmkit.arrays import BoolArray, FloatArray
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.io.floor_islands import (
     PLAIN_DRAWING,
     DrawingOptions,
@@ -127,7 +126,7 @@ def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = Tru
         if behind_doors.sum() > HIDDEN_RATIO * inside.sum():
             inside = behind_doors
             sentence = f"{path}: an outer door is open; outer openings up to {DOOR_M} m are treated as closed"
-            warnings.warn(InputWarning(sentence), stacklevel=4)
+            warn_caller(InputWarning(sentence))
     answer = inside if inside.any() else free
     if not answer.any():
         raise InputError("nothing_free", f"{path}: no free floor", "white is free, dark is not; check --scale")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.io.image_names import matched
 from lmkit.io.image_sources import (
     CAMERA,
@@ -91,7 +90,7 @@ def _name_left_out(lists: Sequence[Sequence[Path]], groups: Sequence[tuple[Path,
     alone = [file for files in lists for file in files if file not in used]
     if alone:
         names = ", ".join(map(str, alone[:3])) + (", ..." if len(alone) > 3 else "")
-        warnings.warn(InputWarning(f"images without a partner are left out: {len(alone)} ({names})"), stacklevel=3)
+        warn_caller(InputWarning(f"images without a partner are left out: {len(alone)} ({names})"))
 
 
 def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:

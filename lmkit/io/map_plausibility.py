@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.landmark_overlap import overlaps
 
@@ -38,13 +37,13 @@ def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
             f"{path}: landmarks up to {height:.4g} m high and {width:.4g} m apart: are its lengths inches or "
             "millimeters? Give meters"
         )
-        warnings.warn(InputWarning(sentence), stacklevel=4)
+        warn_caller(InputWarning(sentence))
     for a, b, apart in overlaps(mapped):
         sentence = (
             f"{path}: {a.id} and {b.id} overlap, {1000 * apart:.0f} mm from center to center: correct the place or "
             "the code of one of them"
         )
-        warnings.warn(InputWarning(sentence), stacklevel=4)
+        warn_caller(InputWarning(sentence))
     return landmarks
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import orthonormal
 from lmkit.io.documents import load_document, load_json
@@ -123,7 +122,7 @@ def _conversion(path: Path, options: str) -> str:
 
 
 def _warn(sentence: str) -> None:
-    warnings.warn(InputWarning(sentence), stacklevel=4)
+    warn_caller(InputWarning(sentence))
 
 
 def read_fiducial_slam(path: Path, text: str, defaults: MarkerDefaults) -> list[MappedLandmark]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lmkit.errors import InputWarning
+from lmkit.errors import InputWarning, warn_caller
 from lmkit.io.image_sources import Frame, video_frames
 
 SAME_RATE = 0.01  # relative; cameras that are triggered together may state their rates with so much rounding
@@ -43,7 +42,7 @@ def video_groups(videos: Sequence[str]) -> Iterator[tuple[Frame, ...]]:
             f"videos have different rates (frames a second: {stated}); frames are joined by their times, "
             f"at most {500 / min(rates):.0f} ms apart"
         )
-        warnings.warn(InputWarning(text), stacklevel=2)
+        warn_caller(InputWarning(text))
     yield from _by_time(streams, 1 / (2 * min(rates)))
 
 

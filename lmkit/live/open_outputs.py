@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.rig import AnyRig, mounted_cameras
 from lmkit.live.clock import LoopClock
 from lmkit.live.mavlink_link import parse_mavlink
@@ -57,7 +56,7 @@ def warn_of_camera_poses(outputs: Sequence[str], rig: AnyRig) -> None:
             f"the rig does not say where the cameras are on the robot: {', '.join(robots)} gets the first camera's "
             "pose (x right, y down, z ahead) as the robot's; add T_base_left or T_base_camera to the rig file"
         )
-        warnings.warn(InputWarning(sentence), stacklevel=3)
+        warn_caller(InputWarning(sentence))
 
 
 def _recorder(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, motion: str) -> Callable[[], Output]:

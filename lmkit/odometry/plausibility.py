@@ -6,12 +6,10 @@ known cause is refused; small errors of scale and delay are estimated by the sol
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.planar import between, follow
 from lmkit.model.recording import Gyro, Odometry
 from lmkit.model.trajectory import Trajectory
@@ -92,7 +90,7 @@ def require_seconds(times_s: FloatArray) -> None:
     if float(np.abs(times_s).max()) > LATEST_S:
         raise _refused("implausible_times", doubt, "give time_s in seconds")
     if len(apart) >= LEAST_SELDOM and usual > RARE_S and unit:
-        warnings.warn(InputWarning(doubt), stacklevel=3)
+        warn_caller(InputWarning(doubt))
 
 
 def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
@@ -120,7 +118,7 @@ def require_plausible_gyro(gyro: Gyro, odometry: Odometry) -> None:
     require_one_clock(gyro.times_s, odometry.times_s, "the gyro", "odometry")
     if missing := _missing(gyro, odometry):
         sentence = f"the gyro has no rates {missing}: the wheels' rotation is used; record both from start to end"
-        warnings.warn(InputWarning(sentence), stacklevel=3)
+        warn_caller(InputWarning(sentence))
     times = np.arange(start, end, WINDOW_S)
     if len(times) <= LEAST_IN_DEGREES:
         return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError, InputWarning
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.planar import planar_state
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible
@@ -60,7 +59,7 @@ def require_plausible_recording(
     require_clockwise(o for frame in recording.frames for o in frame.detections)
     _require_plausible_readings(recording)
     if (doubt := order_doubt(recording.frames)) is not None:
-        warnings.warn(InputWarning(doubt), stacklevel=3)
+        warn_caller(InputWarning(doubt))
     if rig is not None:
         require_plausible(rig, "the rig")
         if landmarks is not None and (cause := find_mirror(recording.frames, rig, landmarks)) is not None:
@@ -72,7 +71,7 @@ def require_plausible_recording(
             what, _, hint = str(cause).partition(": ")
             raise InputError(cause.code, f"the two cameras contradict each other: {what}", hint)
         if (doubt := size_doubt(recording.frames, rig, sizes)) is not None:
-            warnings.warn(InputWarning(doubt), stacklevel=3)
+            warn_caller(InputWarning(doubt))
     odometry = recording.odometry
     if odometry is None:
         return

@@ -204,6 +204,14 @@ def test_a_gray_array_is_warned_of_once(given: Any) -> None:
     assert len(seen) == 1
 
 
+def test_warnings_name_the_line_that_called_lmkit(given: Any) -> None:
+    swapped = np.ascontiguousarray(given.image[:, :, ::-1])
+    with pytest.warns(lmkit.ImageWarning) as seen:
+        lmkit.detect(swapped)
+        lmkit.locate(swapped, swapped, rig=given.rig, landmarks=given.map)
+    assert {warning.filename for warning in seen} == {__file__}
+
+
 def test_empty_images_are_searched_for_swapped_colors_now_and_then(
     given: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
