@@ -283,9 +283,9 @@ static void add_shift(ShiftSums *sum, const block by_x, const block by_y, float 
         add_dots(sum->seen[c][k], rows[STATE + 1 + k], (const block *)own, SHIFT);
 }
 
-/* Takes out what a shift of colors explains, beyond the inks; `projected`: the slopes' share in the inks.  Returns the
- * fall of chi2. */
-static double take_out_shift(const ShiftSums *sum, const InkNormal *normals, double (*projected)[STATE][INKS], double precision, int used, double *normal, double *gradient)
+/* Takes out what a shift of colors explains, beyond the inks; `projected`: share of slopes and residual in the inks.
+ * Returns the fall of chi2. */
+static double take_out_shift(const ShiftSums *sum, const InkNormal *normals, double (*projected)[STATE + 1][INKS], double precision, int used, double *normal, double *gradient)
 {
     double S[SHIFT][STATE], K[SHIFT][SHIFT], g[SHIFT];
     for (int k = 0; k < SHIFT; k++) {
@@ -306,6 +306,7 @@ static double take_out_shift(const ShiftSums *sum, const InkNormal *normals, dou
             for (int j = 0; j < INKS; j++) {
                 for (int i = 0; i < STATE; i++)
                     S[k][i] -= own[k][j] * projected[c][i][j];
+                g[k] -= own[k][j] * projected[c][STATE][j];
                 for (int m = 0; m < SHIFT; m++)
                     K[k][m] -= own[k][j] * own[m][j];
             }
@@ -337,7 +338,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
     float bleed = (float)state[14], inverse_half = (float)(1.0 / p->view[5]);
     const int used = p->fit_distortion ? STATE : STATE - 1; /* slopes; the residual is the row behind them */
     const int weighings = p->cells ? 3 : 1;
-    lanes sums[STATE + 1][STATE + 1], seen[3][INKS][STATE], gram[3][INKS * (INKS + 1) / 2];
+    lanes sums[STATE + 1][STATE + 1], seen[3][INKS][STATE + 1], gram[3][INKS * (INKS + 1) / 2];
     memset(sums, 0, sizeof sums);
     memset(seen, 0, sizeof seen);
     memset(gram, 0, sizeof gram);
@@ -410,7 +411,7 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
             for (int k = 0; k <= used; k++)
                 add_dots(sums[k], rows[k], (const block *)rows, k + 1);
             for (int k = 0; k < INKS; k++)
-                add_dots(seen[c][k], rows[STATE + 1 + k], (const block *)rows, used);
+                add_dots(seen[c][k], rows[STATE + 1 + k], (const block *)rows, p->cells ? used + 1 : used);
             if (p->cells && c != 1)
                 add_shift(&shift, by_x, by_y, (float)(c - 1), c, rows, used);
         }
@@ -425,11 +426,12 @@ static int assemble(const Problem *p, const double *state, double *normal, doubl
             int a = row_of(i), b = row_of(j);
             normal[i * STATE + j] = a < used && b < used ? total(&sums[a > b ? a : b][a > b ? b : a]) : 0.0;
         }
-    double projected[3][STATE][INKS];
+    double projected[3][STATE + 1][INKS];
     for (int c = 0; c < 3; c++) {
-        for (int k = 0; k < STATE; k++) {
+        for (int k = 0; k <= STATE; k++) {
+            const int row = k < STATE ? row_of(k) : used;
             for (int j = 0; j < INKS; j++)
-                projected[c][k][j] = row_of(k) < used ? total(&seen[c][j][row_of(k)]) : 0.0;
+                projected[c][k][j] = row < used || k == STATE ? total(&seen[c][j][row]) : 0.0;
             solve_lower(normals[c < weighings ? c : 0].factor, INKS, projected[c][k]);
         }
         for (int i = 0; i < STATE; i++)

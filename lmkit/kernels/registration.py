@@ -270,6 +270,9 @@ def linearize_numpy(
     gradient = flat @ residual.ravel()
     shifts, fall = normal[STATE:, :STATE], 0.0
     if len(shifts):
+        # Inks beside a bias are not quite the best ones: what they could still explain is no shift's.
+        left = np.linalg.solve(np.linalg.cholesky(gram), weighted.transpose(0, 2, 1) @ residual.T[:, :, None])
+        gradient[STATE:] -= by_inks[STATE:] @ left.ravel()
         own = normal[STATE:, STATE:] + priors.weight / priors.color_shift**2 * np.eye(2)
         best = np.linalg.solve(own, np.column_stack([shifts, gradient[STATE:]]))
         fall = float(gradient[STATE:] @ best[:, -1])
