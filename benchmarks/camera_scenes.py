@@ -112,6 +112,7 @@ def draw_photograph(
     obstacle: Obstacle = bar_or_patch,
     motion_px: tuple[float, float] | None = None,
     bowed: float = BOWED_SHARE,
+    change: Callable[[ImagingChain], ImagingChain] = lambda chain: chain,
 ) -> tuple[np.ndarray, list[Shown], ImagingChain]:
     """One image, (480,640,3) BGR, 8 bit, the landmarks in it and how it was taken.
 
@@ -129,6 +130,7 @@ def draw_photograph(
         motion_px: least and largest way of the image during the exposure, drawn by the logarithm, in any direction;
             without it, motion is one of the troubles, and short.
         bowed: share of the sheets that are curled.
+        change: made to the camera that is drawn.
     """
     rng = np.random.default_rng(seed)
     panels, shown, obstacles, marker = [], [], [], family_named(family)
@@ -166,6 +168,7 @@ def draw_photograph(
         chain = replace(chain, lens=replace(chain.lens, motion_px=way))
     if is_dim:
         chain = dimmed(chain, rng)
+    chain = change(chain)
     return expose(radiance, chain, rng), shown, chain
 
 

@@ -26,6 +26,7 @@ from lmkit.arrays import FloatArray
 from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import detect_landmarks
 from lmkit.detection.registration import PatternRegistration
+from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_exp, rotation_log
 from lmkit.localization.absolute_pose import locate_rig
@@ -34,8 +35,8 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.simulation.cameras import HELD_OUT_KINDS, TRAINING_KINDS, CameraKind, draw_chain
-from lmkit.simulation.photograph import photograph
-from lmkit.simulation.scene import landmark_sheet, studio
+from lmkit.simulation.photograph import ImagingChain, photograph
+from lmkit.simulation.scene import Scene, landmark_sheet, studio
 
 TROUBLE, ASIDE_DEG, DISTANCES_M = 0.3, 50.0, (0.8, 4.0)
 ERRORS_MM = (50, 90, 95)
@@ -100,28 +101,66 @@ class Seen:
         return Located(self.kind, s.distance_m, (place, rotation, all_six), 1000 * float(np.linalg.norm(off)))
 
 
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """Scene, poses and cameras of a pair of images.
+
+    Attributes:
+        situation: the landmarks and the rig.
+        T_map_left, T_map_right: true poses of the cameras.
+        chain: of both cameras.
+    """
+
+    situation: Situation
+    T_map_left: Pose
+    T_map_right: Pose
+    chain: ImagingChain
+
+    @property
+    def cameras(self) -> tuple[tuple[CameraModel, Pose], tuple[CameraModel, Pose]]:
+        """Both cameras and their poses."""
+        rig = self.situation.rig
+        return (rig.left, self.T_map_left), (rig.right, self.T_map_right)
+
+    @property
+    def scene(self) -> Scene:
+        """The landmarks on their sheets."""
+        return studio([landmark_sheet(one) for one in self.situation.landmarks])
+
+
+def draw(rng: np.random.Generator, kind: CameraKind, roll_deg: float = 0.0, family: str = "lm8") -> Taken:
+    """A place and cameras of a kind, rolled by so much; all but the landmarks is the same for any family."""
+    distance = float(np.exp(rng.uniform(*np.log(DISTANCES_M))))
+    count, aside = int(rng.integers(1, 4)), float(rng.uniform(-ASIDE_DEG, ASIDE_DEG))
+    s = Situation(count, distance, aside, family=family)
+    rig = s.rig
+    turn, rolled = rotation_exp(np.deg2rad(rng.uniform(-3, 3, 3))), rotation_exp(np.deg2rad([0.0, 0.0, roll_deg]))
+    T = Pose("map", "camera", turn @ s.station.R @ rolled, s.station.t + rng.uniform(-0.03, 0.03, 3))
+    chain = draw_chain(rng, [kind], TROUBLE, rig.left.image_size)
+    back = rig.T_right_left.inverse()
+    return Taken(s, T, Pose("map", "camera", T.R @ back.R, T.t + T.R @ back.t), chain)
+
+
 def look(kind: CameraKind, seed: int, roll_deg: float = 0.0, family: str = "lm8") -> Seen:
     """Draw a place and cameras of a kind, rolled by so much, take both images and detect the landmarks in them.
 
     Places, light and cameras depend on the seed alone, whatever the family.
     """
     cv2.setNumThreads(1)
-    rng = np.random.default_rng([77, seed, *kind.name.encode()])
-    distance = float(np.exp(rng.uniform(*np.log(DISTANCES_M))))
-    count, aside = int(rng.integers(1, 4)), float(rng.uniform(-ASIDE_DEG, ASIDE_DEG))
-    s = Situation(count, distance, aside, family=family)
-    scene, rig = studio([landmark_sheet(one) for one in s.landmarks]), s.rig
-    turn, rolled = rotation_exp(np.deg2rad(rng.uniform(-3, 3, 3))), rotation_exp(np.deg2rad([0.0, 0.0, roll_deg]))
-    T = Pose("map", "camera", turn @ s.station.R @ rolled, s.station.t + rng.uniform(-0.03, 0.03, 3))
-    chain = draw_chain(rng, [kind], TROUBLE, rig.left.image_size)
-    back = rig.T_right_left.inverse()
-    right = Pose("map", "camera", T.R @ back.R, T.t + T.R @ back.t)
-    photos = [photograph(scene, one, at, chain, rng) for one, at in ((rig.left, T), (rig.right, right))]
+    rng = rng_of(kind, seed)
+    taken = draw(rng, kind, roll_deg, family)
+    scene = taken.scene
+    photos = [photograph(scene, camera, at, taken.chain, rng) for camera, at in taken.cameras]
     left_seen, right_seen = (
-        detect_landmarks(photo, DetectOptions(families_named(family), camera=one))
-        for photo, one in zip(photos, (rig.left, rig.right), strict=True)
+        detect_landmarks(photo, DetectOptions(families_named(family), camera=camera))
+        for photo, (camera, _) in zip(photos, taken.cameras, strict=True)
     )
-    return Seen(kind.name, s, T, (left_seen, right_seen))
+    return Seen(kind.name, taken.situation, taken.T_map_left, (left_seen, right_seen))
+
+
+def rng_of(kind: CameraKind, seed: int) -> np.random.Generator:
+    """Source of all that is drawn for a pair of images."""
+    return np.random.default_rng([77, seed, *kind.name.encode()])
 
 
 def roll_of(seed: int, most_deg: float) -> float:

@@ -1,4 +1,4 @@
-"""What a shift of red and blue explains of a landmark's values."""
+"""The share of a landmark's values that a shift of red and blue explains."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def test_a_shift_explains_nothing_that_inks_could():
         parts = coverage(at + moved)
         return parts @ inks + state[14] * blending_numpy(parts[None], inks)[0]
 
-    ways = [(drawn(way) - drawn(-way)) / (2 * STEP_PX) * [-1, 0, 1] * root for way in STEP_PX * np.eye(2)]
+    moves = [(drawn(move) - drawn(-move)) / (2 * STEP_PX) * [-1, 0, 1] * root for move in STEP_PX * np.eye(2)]
     residual, parts = (values - drawn(np.zeros(2))) * root, coverage(at) * root
     basis = np.linalg.qr(parts)[0]
     residual = residual - basis @ (basis.T @ residual)
-    ways = [way - basis @ (basis.T @ way) for way in ways]
-    own = np.array([[np.sum(a * b) for b in ways] for a in ways]) + PRIORS.weight / 0.2**2 * np.eye(2)
-    seen = np.array([np.sum(way * residual) for way in ways])
+    moves = [move - basis @ (basis.T @ move) for move in moves]
+    own = np.array([[np.sum(a * b) for b in moves] for a in moves]) + PRIORS.weight / 0.2**2 * np.eye(2)
+    seen = np.array([np.sum(move * residual) for move in moves])
     fall = seen @ np.linalg.solve(own, seen) / residual.size
     assert error(1e-9) - error(0.2) == pytest.approx(fall, rel=0.01)
