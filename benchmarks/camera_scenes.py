@@ -62,6 +62,20 @@ class Shown:
         return float(np.linalg.norm(np.roll(self.corners, -1, axis=0) - self.corners, axis=1).mean())
 
 
+def light_wall(photograph: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(H,W,3) linear RGB of a painted wall, half to a quarter more as bright as paper, unevenly lit.
+
+    The photograph remains as a faint texture.  Of the landmarks in the rooms, 67 % are mounted before what is at
+    least 0.8 times as bright as their margin, before photographs 6 %.
+    """
+    paint = rng.uniform(0.4, 1.0) * rng.uniform(0.9, 1.0, 3)
+    faint = (photograph.mean(axis=2, keepdims=True) + 0.02) ** 0.1
+    y, x = np.mgrid[-0.5 : 0.5 : photograph.shape[0] * 1j, -0.5 : 0.5 : photograph.shape[1] * 1j]
+    across, down = rng.uniform(-0.3, 0.3, 2)
+    light = (1 + across * x + down * y)[:, :, None]
+    return np.asarray(paint * light * faint / faint.mean(), dtype=np.float32)
+
+
 def bar_or_patch(T: Pose, rng: np.random.Generator) -> Panel:
     """A bar or a patch that hides some of a sheet, a little in front of it."""
     along = rng.uniform(-0.11, 0.11, 2)

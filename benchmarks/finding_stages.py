@@ -22,7 +22,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from camera_scenes import draw_photograph
+from camera_scenes import draw_photograph, light_wall
 from planar import SIZE, background, backgrounds
 from rooms import is_counted
 
@@ -157,9 +157,13 @@ def troubles(chain: ImagingChain) -> tuple[str, ...]:
     return tuple(f"blur or light: {name}" for name, here in named.items() if here)
 
 
-def simulated_image(photos: Sequence[Path], held_out: bool, seed: int, index: int) -> tuple[np.ndarray, list[Truth]]:
+def simulated_image(
+    photos: Sequence[Path], held_out: bool, on_light_walls: bool, seed: int, index: int
+) -> tuple[np.ndarray, list[Truth]]:
     kinds = HELD_OUT_KINDS if held_out else TRAINING_KINDS
     wall = background(photos[index % len(photos)])
+    if on_light_walls:
+        wall = light_wall(wall, np.random.default_rng([seed, index, 1]))
     image, shown, chain = draw_photograph((seed, index), wall, kinds, SIDES_PX, cells=CELLS)
     truths = [
         Truth(s.code, s.corners, ("all", *in_classes(s.side_px, s.tilt_deg), *troubles(chain)))
@@ -173,9 +177,11 @@ def is_inside(corners: np.ndarray) -> bool:
     return bool(((corners >= 0) & (corners <= np.array(SIZE) - 1)).all())
 
 
-def simulated(photos: Sequence[Path], held_out: bool, seed: int, options: DetectOptions, index: int) -> list[Outcome]:
+def simulated(
+    photos: Sequence[Path], held_out: bool, on_light_walls: bool, seed: int, options: DetectOptions, index: int
+) -> list[Outcome]:
     cv2.setNumThreads(1)
-    return stages_of(*simulated_image(photos, held_out, seed, index), options)
+    return stages_of(*simulated_image(photos, held_out, on_light_walls, seed, index), options)
 
 
 def room_images(folder: Path, parity: int) -> Iterator[tuple[Path, list[Truth]]]:
@@ -224,6 +230,7 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=80)
     parser.add_argument("--seed", type=int, default=7001)
     parser.add_argument("--held-out", action="store_true", help="kinds of cameras to report on")
+    parser.add_argument("--light-walls", action="store_true", help="landmarks are mounted on painted walls")
     parser.add_argument("--profile", choices=list(PROFILES), default="balanced")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
@@ -232,9 +239,10 @@ def main() -> None:
     half = len(photos) // 2
     photos = photos[half:] if given.held_out else photos[:half]
     with ProcessPoolExecutor(given.jobs) as pool:
-        work = partial(simulated, photos, given.held_out, given.seed, options)
+        work = partial(simulated, photos, given.held_out, given.light_walls, given.seed, options)
         seen = pool.map(work, range(given.images), chunksize=4)
         kinds = "kinds to report on" if given.held_out else "kinds to train on"
+        kinds += ", light walls" if given.light_walls else ""
         print_stages([o for some in seen for o in some], f"Simulated, {kinds}, {given.profile}")
         for parity, name in enumerate(("even", "odd") if given.rooms else ()):
             jobs = room_images(given.rooms, parity)

@@ -39,14 +39,12 @@ class Source:
         window: side of the window for the local mean, pixels of that image.
         darker: share by which a pixel must lie under its local mean, or, where negative, by which it may lie over
             it.  A ratio and not gray levels, so that dim and bright rooms are treated alike.
-        least_px: images whose shorter side, halved, is smaller are not searched: the source finds nothing there.
     """
 
     channel: str
     halvings: int
     window: int
     darker: float
-    least_px: int = 0
 
 
 @dataclass(frozen=True)
@@ -90,8 +88,6 @@ def find_candidates(
     found = []
     for source in sources:
         level = min(source.halvings, len(levels) - 1)
-        if min(levels[level].shape[:2]) < source.least_px:
-            continue
         plane = _channel_of(levels[level], source.channel)
         least = max(MIN_SIDE_PX / 2**level, LEAST_SIDE_IN_LEVEL_PX)
         longest = int(LONGEST * sum(plane.shape))

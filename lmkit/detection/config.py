@@ -14,8 +14,9 @@ from lmkit.model.square_marker import SquareMarkerFamily
 
 GRAY = Source("gray", 1, 5, 0.01)
 COARSE = Source("gray", 2, 5, 0.01)  # where edges are blurred over many pixels
-FINE = Source("gray", 0, 5, 0.01)
-# All that is no bright line counts as dark: the square stays whole, and its margin around it (decision 56).
+FINE = Source("gray", 0, 5, 0.0)
+# All that is no bright line counts as dark: the square stays whole before dark walls, and its margin around it
+# (decision 56); before light walls margins are no lines (decision 60).
 FINE_LINES = Source("gray", 0, 5, -0.02)
 RED = Source("red", 1, 5, -0.03)
 # The full image is searched where there is more contrast: a sixth of its time, and 1 of 254 landmarks on simulated

@@ -398,14 +398,14 @@ static double screen_one(const Screen *s, double *quad, int64_t rounds, Look *se
     }
 }
 
-/* An earlier square with the same corners, from whichever corner on; -1 where there is none. */
-static int64_t find_twin(const double *quads, int64_t k)
+/* An earlier square that passed the gate, with the same corners, from whichever corner on; -1 where there is none. */
+static int64_t find_twin(const double *quads, const double *pattern, int64_t k)
 {
     const double *q = quads + 8 * k, close = SAME * sqrt(fabs(quad_area(q)));
     const double x = q[0] + q[2] + q[4] + q[6], y = q[1] + q[3] + q[5] + q[7];
     for (int64_t i = 0; i < k; i++) {
         const double *r = quads + 8 * i;
-        if (!(fabs(r[0] + r[2] + r[4] + r[6] - x) < 4.0 * close && fabs(r[1] + r[3] + r[5] + r[7] - y) < 4.0 * close))
+        if (!(pattern[i] >= 0.0 && fabs(r[0] + r[2] + r[4] + r[6] - x) < 4.0 * close && fabs(r[1] + r[3] + r[5] + r[7] - y) < 4.0 * close))
             continue;
         for (int turn = 0; turn < 8; turn += 2) {
             int same = 1;
@@ -445,7 +445,7 @@ static int begin(const Task *t, const int64_t *levels, int64_t level_count, cons
 static void screen_all(const Screen *s, int64_t count, double *quads, int64_t rounds, double *pattern)
 {
     for (int64_t i = 0; i < count; i++) {
-        int64_t twin = rounds == 0 ? find_twin(quads, i) : -1;
+        int64_t twin = rounds == 0 ? find_twin(quads, pattern, i) : -1;
         Look seen = {.design = NULL};
         pattern[i] = twin >= 0 ? -1.0 : screen_one(s, quads + 8 * i, rounds, &seen);
     }
@@ -505,7 +505,7 @@ int lmkit_likely_squares(const Task *task, const int64_t *levels, int64_t level_
     Look *looks = (Look *)(room + 13 * count);
     for (int64_t i = 0; i < count; i++) {
         looks[i].design = NULL;
-        pattern[i] = find_twin(quads, i) >= 0 ? -1.0 : screen_one(&s, quads + 8 * i, 0, looks + i);
+        pattern[i] = find_twin(quads, pattern, i) >= 0 ? -1.0 : screen_one(&s, quads + 8 * i, 0, looks + i);
     }
     const int64_t some = best_first(count, quads, pattern, shares[0], 2, room, moved);
     /* Moves begin with the look that is taken already. */

@@ -271,7 +271,7 @@ def screen_numpy(
     quads = contiguous(quads, (-1, 4, 2)).copy()
     pattern = np.zeros(len(quads))
     for k, quad in enumerate(quads):
-        is_duplicate = rounds == 0 and _has_duplicate(quads, k)
+        is_duplicate = rounds == 0 and _has_duplicate(quads[k], quads[:k][pattern[:k] >= 0])
         pattern[k] = -1.0 if is_duplicate else _screen_one(pyramid, tables, rules, quad, rounds, window)
     return Screened(quads, pattern)
 
@@ -351,11 +351,11 @@ def _screen_one(
     return pattern
 
 
-def _has_duplicate(quads: FloatArray, k: int) -> bool:
-    """Does an earlier square have the same corners, from whichever corner on?"""
-    close = SAME * np.sqrt(abs(_area(quads[k])))
-    turned = [np.roll(quads[:k], turn, axis=1) for turn in range(4)]
-    return any(bool((np.abs(earlier - quads[k]).max(axis=(1, 2)) < close).any()) for earlier in turned)
+def _has_duplicate(quad: FloatArray, earlier: FloatArray) -> bool:
+    """Does one of the earlier squares have the same corners, from whichever corner on?"""
+    close = SAME * np.sqrt(abs(_area(quad)))
+    turned = [np.roll(earlier, turn, axis=1) for turn in range(4)]
+    return any(bool((np.abs(some - quad).max(axis=(1, 2)) < close).any()) for some in turned)
 
 
 def _look(

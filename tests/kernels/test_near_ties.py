@@ -30,3 +30,15 @@ def test_a_share_that_is_larger_by_rounding_changes_nothing():
         best = choose(pyramid, tables, rules, tried[[b, a]], Shares(0.02, 0.05), ROUNDS).quads
         assert len(best) == 1
         assert np.abs(best[0] - moved.quads[a]).max() < 1e-3 < np.abs(best[0] - moved.quads[b]).max()
+
+
+def test_a_square_that_fails_the_gate_removes_none_of_its_equals():
+    pyramid, tables, rules, corners = screening_of_a_landmark(np.random.default_rng(5))
+    middle = corners.mean(axis=0)
+    # Within 5 % of the side, and the border's points already lie on the margin.
+    too_large = middle + 1.06 * (corners - middle)
+    alone, both = (
+        screen(pyramid, tables, rules, np.array(some), 0).pattern for some in ([corners], [too_large, corners])
+    )
+    assert both[0] < 0 < alone[0] == both[1]
+    assert len(likely(pyramid, tables, rules, np.array([too_large, corners]), Shares(0.02, 0.05), ROUNDS).quads) == 1
