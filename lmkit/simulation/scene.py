@@ -279,7 +279,7 @@ def _plaster(rng: np.random.Generator, tint: tuple[float, float, float]) -> Floa
     return np.clip(np.array(tint) * (1 + fine + coarse), 0.02, 0.95).astype(np.float32)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=64)  # 14 MB each
 def _sheet_texture(family: MarkerFamily, code: int) -> tuple[Float32Array, int]:
     """The face on a white sheet, centered, as printed, and the side of the face in texels."""
     face = _linear(bare_landmark_page(family, code, family.side_mm), SHEET_DPI)
