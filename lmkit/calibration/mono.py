@@ -1,6 +1,6 @@
-"""`calibrate_camera`: from the corners of a board in images of one camera to a rig of one, and how good it is.
+"""`calibrate_camera`: a rig of one camera, with its errors, from the corners of a board in images.
 
-The fit is that of a stereo pair (`bundle_adjustment.py`) whose right camera sees nothing.
+The fit is that of a stereo pair (`bundle_adjustment.py`) whose right camera has no views.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class CameraCalibration:
 
     Attributes:
         rig: a rig of this one camera, with the standard deviations of its intrinsics.
-        held_out_px: mean reprojection error on images that the fit had not seen; None with fewer than five images.
-        models: of every camera model tried, its held-out error, px.
+        held_out_px: mean reprojection error on held-out images; None with fewer than five images.
+        models: held-out error, px, of every camera model that was tried.
         rms_px: reprojection error of the fit.
         used: names of the images of the fit.
         rejected: (image, reason).
-        warnings: in order of weight.
+        warnings: the most important first.
         coverage: (5,5) cells of the image in which corners were seen.
         advice: views to take next.
     """
@@ -73,7 +73,7 @@ class CameraCalibration:
 
     @property
     def covered(self) -> float:
-        """Share of the image, as far as it can show a board, in which corners were seen."""
+        """Share of the image in which corners were seen; parts that cannot show a board are not counted."""
         return covered_share(self.coverage, self.rig.left)
 
     def to_dict(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class _Fit:
     """One model, fitted to the images that agree on it."""
 
     rows: list[int]
-    ratios: dict[int, float]  # of the other images: their error over the median's
+    ratios: dict[int, float]  # error of each other image over the median error
     rms_px: float
     solution: Solution
     held_out: HeldOut | None
@@ -114,8 +114,8 @@ def calibrate_camera(
     Args:
         views: names of images, and the board in them.
         image_size: (width, height).
-        model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the one that does best on images held out.
-        rejected: images lost before, with reasons; they are passed on.
+        model: ``pinhole``, ``rational`` or ``fisheye``; ``auto`` takes the best one on held-out images.
+        rejected: images rejected earlier, with reasons; they are added to the result.
         declared: nominal field of view, to check against.
 
     Raises:
@@ -137,7 +137,7 @@ def calibrate_camera(
         raise failed or InputError("no_fit", "no camera explains the images", "take other views")
     best, *others = fits.values()
     for other in others:
-        # A later model must do clearly better on images held out.
+        # A later model must be clearly better on held-out images.
         if best.held_out is not None and other.held_out is not None:
             best = other if other.held_out.clearly_better_than(best.held_out) else best
     bad = [
@@ -171,7 +171,7 @@ def calibrate_camera(
 
 
 def _alone(name: str, seen: BoardObservation) -> PairView:
-    """A view that the right camera does not have."""
+    """A view without corners in the right camera."""
     none: IntArray = np.zeros(0, dtype=np.int64)
     return PairView(name, seen.ids, seen.image_points, none, np.zeros((0, 2)), seen.noise_px)
 
@@ -208,7 +208,7 @@ def _fit(views: Sequence[PairView], object_points: FloatArray, camera: CameraMod
 def _hold_out(
     object_points: FloatArray, views: Sequence[PairView], rows: Sequence[int], solution: Solution
 ) -> HeldOut | None:
-    """Errors on images held out, fold by fold; None with fewer than five images."""
+    """Errors on held-out images, fold by fold; None with fewer than five images."""
     count = len(views)
     if count < FOLDS:
         return None

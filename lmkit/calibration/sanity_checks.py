@@ -1,4 +1,4 @@
-"""Is the calibration believable?  Warnings, and refusals of data that cannot give one."""
+"""Sanity checks of a calibration: warnings, and refusal of unsuitable data."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.stereo_rig import StereoRig
 
-# Two cameras that fit their own images, but not each other's, are no rigid pair.
+# Two cameras that fit separately, but not together, are not a rigid pair.
 RIGID_PX = 1.0
 RIGID_RATIO = 3.0
 USELESS_PX = 2.0
@@ -29,20 +29,20 @@ STRONG_WARP = 0.01  # bow over the board's half size
 UNSURE_BASELINE = 0.005
 BEYOND_MODEL = 0.02
 UNSURE_FOCAL = 0.005
-UNSURE_ROTATION_DEG = 0.2  # as much as 3 px of disparity at a focal length of 900 px
+UNSURE_ROTATION_DEG = 0.2  # 3 px of disparity at a focal length of 900 px
 CONTRADICTED_SIGMAS = 4.0
 UNSURE_CENTRE = 0.005  # of the image's width
-RESTS_ON_LENSES = ("rests_on_lenses", "lenses_kept")  # whose error is in no deviation
+RESTS_ON_LENSES = ("rests_on_lenses", "lenses_kept")  # whose error is not in the standard deviations
 UNDETERMINED = ("unsure_rotation", "unsure_principal_point", "unsure_focal", "unsure_baseline")
 
 
 @dataclass(frozen=True)
 class CalibrationWarning:
-    """Something the user should know.
+    """A warning about a calibration.
 
     Attributes:
         code: short stable name.
-        message: what, and what to do.
+        message: the problem, and what to do.
         pairs: names of the pairs concerned.
     """
 
@@ -69,14 +69,14 @@ class Declared:
 
 
 def require_rigid(together_px: float, alone_px: float, row_error_px: float | None) -> None:
-    """Refuse cameras that do not stand still to each other.
+    """Refuse cameras that move relative to each other.
 
     Args:
-        together_px, alone_px: the middle pair's reprojection error in the joint fit, and of each camera alone.
-        row_error_px: of pairs held out, where known.
+        together_px, alone_px: median reprojection error of the pairs in the joint fit, and of each camera alone.
+        row_error_px: of held-out pairs, if known.
 
     Raises:
-        InputError: they are no rigid, simultaneous pair.
+        InputError: they are not a rigid, synchronized pair.
     """
     apart = together_px > max(RIGID_PX, RIGID_RATIO * alone_px)
     useless = row_error_px is not None and row_error_px > max(USELESS_PX, RIGID_RATIO * alone_px)
@@ -109,7 +109,7 @@ def require_explained(rms_px: float, image_size: tuple[int, int], model: str) ->
 
 
 def require_majority(bad: Sequence[Disagreement], total: int) -> None:
-    """Refuse pairs of which no more than half agree.
+    """Refuse a set of pairs if half of them or more disagree.
 
     Raises:
         InputError: half of them or more disagree.
@@ -135,11 +135,11 @@ def check_calibration(
     board_half_m: float,
     declared: Declared,
 ) -> list[CalibrationWarning]:
-    """All warnings, the weightiest first.
+    """All warnings, the most important first.
 
     Args:
         rig: with its covariances.
-        bad, total: the pairs turned away, and how many there were.
+        bad, total: the rejected pairs, and the number of all pairs.
         together_px, alone_px: see :func:`require_rigid`.
         bow_m, board_half_m: the board's bow and half its length.
     """
@@ -211,11 +211,11 @@ def _check_scale(rig: StereoRig, baseline_sigma_m: float, declared: Declared) ->
 
 
 def check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
-    """Warnings of known lenses that the images contradict.
+    """Warnings about known lenses that the images contradict.
 
     Args:
         rig: with fitted lenses.
-        declared: the known lenses; their deviations, or the fitted ones where the lenses were kept.
+        declared: the known lenses with their covariances; those of the fit if the lenses were fixed.
     """
     if declared.cameras is None or declared.covariances is None:
         return []
@@ -235,10 +235,10 @@ def check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
 
 
 def check_rests_on_lenses(freed: StereoRig) -> list[CalibrationWarning]:
-    """Warning that the result is only as good as lenses that were kept.
+    """Warning that the result depends on fixed lenses.
 
     Args:
-        freed: rig of the same views, its lenses fitted.
+        freed: rig of the same views with fitted lenses.
     """
     sigma_deg = _rotation_sigma_deg(freed)
     if sigma_deg <= UNSURE_ROTATION_DEG:
@@ -316,7 +316,7 @@ def check_camera(
 
 
 def end_of_lens(camera: CameraModel, which: str) -> str | None:
-    """Warning of a camera (``the left camera``) whose distortion turns back inside the image; None: it does not."""
+    """Warning if a camera's distortion is not monotonic inside the image; None if it is.  ``which``: its name."""
     beyond = beyond_model(camera)
     if beyond <= BEYOND_MODEL:
         return None
@@ -328,9 +328,10 @@ def end_of_lens(camera: CameraModel, which: str) -> str | None:
 
 
 def beyond_model(camera: CameraModel) -> float:
-    """Share of the image, 0..1, in which the distortion has turned back.
+    """Share of the image, 0..1, beyond the radius up to which the distortion is monotonic.
 
-    What a wide fisheye lens shows from 90 deg off its axis on has no ray in front of the camera, whatever the model.
+    In every model, pixels of a wide fisheye lens 90 deg and more off its axis have no ray in front of the camera;
+    these are not counted.
     """
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, 24), np.linspace(0, height - 1, 18))
@@ -339,7 +340,7 @@ def beyond_model(camera: CameraModel) -> float:
 
 
 def horizontal_field_deg(camera: CameraModel) -> float | None:
-    """Horizontal field of view through the middle row; None where the model does not reach the edges."""
+    """Horizontal field of view through the middle row; None if the model is not valid up to the edges."""
     width = camera.image_size[0]
     edges = np.array([[-0.5, camera.K[1, 2]], [width - 0.5, camera.K[1, 2]]])
     x = camera.unproject(edges)[:, 0]

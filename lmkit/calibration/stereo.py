@@ -1,4 +1,4 @@
-"""`calibrate_stereo`: from the corners of a board in stereo pairs to a rig, and how good it is."""
+"""`calibrate_stereo`: a rig with its errors, from the corners of a board in stereo pairs."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ from lmkit.units import counted
 
 MIN_PAIRS = 3
 BAD_RMS_RATIO = 4.0
-FIRST_STEPS, HOPELESS_RATIO = 12, 5.0  # a model is given up when then its error is so many times the one to beat
+FIRST_STEPS, HOPELESS_RATIO = 12, 5.0  # first steps of a fit, and the ratio to the best error that then ends the fit
 CAMERAS_KEPT = FitOptions(intrinsics=False)
 Size = tuple[int, int]
-FITS = 3 + FOLDS  # of a model at most: consensus, first fit, final fit, and one without each fold
+FITS = 3 + FOLDS  # largest number per model: consensus, first fit, final fit, and one without each fold
 
 
 def ignore_steps(done: int, total: int) -> None:
-    """Progress that nobody asked for."""
+    """Progress callback that does nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +66,16 @@ class StereoCalibration:
     Attributes:
         rig: the result, with its covariances.
         solution: the same with the boards' poses, as fitted.
-        held_out: errors on pairs that the fit had not seen; None with fewer than five pairs.
-        models: of every camera model tried, its mean reprojection error on pairs held out, px.
+        held_out: errors on held-out pairs; None with fewer than five pairs.
+        models: mean reprojection error on held-out pairs, px, of every camera model that was tried.
         rms_px, rms_left_px, rms_right_px: reprojection error of the fit.
         used: the pairs of the fit.
         residuals: per used pair, observed minus projected pixels, left (N,2) and right (M,2).
         rejected: (pair, reason).
-        warnings: in order of weight.
+        warnings: the most important first.
         baseline_sigma_m: standard deviation of the baseline.
-        depth_errors: what to expect at some distances.
-        coverage: what the views showed, and which to take next.
+        depth_errors: expected depth errors at some distances.
+        coverage: coverage of the views, and the views to take next.
     """
 
     rig: StereoRig
@@ -95,7 +95,7 @@ class StereoCalibration:
 
     @property
     def held_out_epipolar_px(self) -> float | None:
-        """Mean difference in rows after rectification of pairs held out, or None."""
+        """Mean difference in rows of held-out pairs after rectification, or None."""
         return None if self.held_out is None else self.held_out.mean_epipolar_px
 
     def __repr__(self) -> str:
@@ -150,15 +150,16 @@ def calibrate_stereo(
         views: pairs in which both cameras see the board.
         image_size: (width, height) of the left camera.
         model: ``pinhole``, ``rational``, ``fisheye`` or ``radtan``; ``auto`` takes one of the first three,
-            by pairs held out. Two names, separated by a comma, are of the left and of the right camera.
-        rejected: pairs lost before, with reasons; they are passed on.
-        declared: what is known beforehand, to check against; its cameras are kept, or are a prior with its sigmas.
+            by the error on held-out pairs. Two names, separated by a comma, are the models of the left and right
+            camera.
+        rejected: pairs rejected earlier, with reasons; they are added to the result.
+        declared: known values, to check against; its cameras are fixed, or with covariances a prior.
         on_step: called with the number of fits done and their largest number.
-        right_size: (width, height) of the right camera; None: that of the left one. Cameras of unequal sizes
-            have unequal lenses: ``auto`` chooses the model of each by its own images held out.
+        right_size: (width, height) of the right camera; None: the left camera's. Cameras with images of unequal sizes
+            have different lenses: ``auto`` chooses each camera's model by its own held-out images.
 
     Raises:
-        InputError: too few pairs, they do not agree on any rig, or the two cameras are no rigid pair.
+        InputError: too few pairs, they do not agree on any rig, or the two cameras are not a rigid pair.
     """
     require_views(len(views), rejected, MIN_PAIRS, "pairs")
     object_points = board.object_points
@@ -233,7 +234,7 @@ def calibrate_stereo(
 def _known_lenses(
     cameras: tuple[CameraModel, CameraModel], covariances: tuple[FloatArray, FloatArray] | None
 ) -> FitOptions:
-    """Cameras kept as they are, or as a prior with covariances."""
+    """Fixed cameras, or cameras as a prior with covariances."""
     if covariances is None:
         return CAMERAS_KEPT
     mean = np.concatenate([intrinsics_vector(camera) for camera in cameras])
@@ -241,7 +242,7 @@ def _known_lenses(
 
 
 def _check_kept(declared: Declared, problem: StereoProblem, s: Solution) -> list[CalibrationWarning]:
-    """Warnings of lenses that were kept, by a fit of the same images in which they are free."""
+    """Warnings about fixed lenses, from a fit of the same images with free lenses."""
     freed, _ = _rig_of(problem.solve(s, FitOptions()))
     assert freed.intrinsics_sigma is not None
     left, right = (np.diag(sigma**2) for sigma in freed.intrinsics_sigma)
@@ -262,7 +263,7 @@ def _require_sizes(cameras: tuple[CameraModel, CameraModel], sizes: tuple[Size, 
 def _model_pairs(
     views: Sequence[PairView], board: BoardSpec, sizes: tuple[Size, Size], model: str
 ) -> list[tuple[str, str]]:
-    """Lens models (left, right) to try: one name for both where both cameras are of one kind."""
+    """Lens models (left, right) to try; the same name twice if both cameras are of one kind."""
     left, right = models_by_camera(model, 2)
     if left == right and (left != AUTO or sizes[0] == sizes[1]):
         return [(name, name) for name in (LENS_MODELS if left == AUTO else (left,))]
@@ -355,8 +356,8 @@ def _fit(
 ) -> _Fit:
     """One model, fitted to the pairs that agree.
 
-    It is not tried on pairs held out where it does worse on those that it has seen than another on unseen ones, and
-    not fitted to the end where it is far from that after the first steps.
+    Cross-validation is skipped if the error on the fitted pairs exceeds another model's error on held-out pairs.
+    The fit stops early if its error after the first steps is far above that error.
     """
     on_step(1, FITS)
     rows = np.flatnonzero(consensus.agrees)
@@ -393,7 +394,7 @@ def _fit(
             object_points, views, kept, solution, options, lambda fold: on_step(FITS - FOLDS + fold, FITS)
         )
     on_step(FITS, FITS)
-    # Cameras of the cameras' own: those of the joint fit change to make up for cameras that do not belong together.
+    # Cameras that were fitted separately: in the joint fit, lenses change to compensate for a rig that is not rigid.
     alone_px = float(np.median([consensus.relations[k].rms_px for k in kept]))
     return _Fit(kept, reasons, alone_px, solution, held_out)
 
@@ -403,7 +404,7 @@ def _rig_of(s: Solution) -> tuple[StereoRig, float]:
     assert s.covariance is not None
     nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
     relation = s.covariance[nl + nr : nl + nr + POSE, nl + nr : nl + nr + POSE]
-    # Ours is rotation, shift; a rig's is shift, rotation.
+    # The solver's order is rotation, translation; a rig's is translation, rotation.
     order = [3, 4, 5, 0, 1, 2]
     relation = relation[np.ix_(order, order)]
     left, right = (sigma_and_correlation(s.covariance[k, k]) for k in (slice(nl), slice(nl, nl + nr)))

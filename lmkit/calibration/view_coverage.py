@@ -24,7 +24,7 @@ _COLUMNS = ("left", "middle left", "middle", "middle right", "right")
 
 
 TILT_WANTED_DEG = 35.0
-TALLEST = 0.85  # of the image's height that a wanted view fills
+TALLEST = 0.85  # largest share of the image's height that a wanted view fills
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class WantedView:
     tilt_deg: tuple[float, float] = (0.0, 0.0)
 
     def pose(self, object_points: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatArray]:
-        """Rotation (3,3) and translation (3,), m, of the board in a camera that sees it so."""
+        """Rotation (3,3) and translation (3,), m, of the board in the camera, for this view."""
         low, high = object_points.min(axis=0), object_points.max(axis=0)
         (width, height), K = camera.image_size, camera.K
         depth = max(K[0, 0] * (high - low)[0] / (self.fills * width), K[1, 1] * (high - low)[1] / (TALLEST * height))
@@ -72,7 +72,7 @@ class ViewCoverage:
         tilts_deg: (P,2) of every view: about the image's upright and about its level axis; positive
             where the board's right edge, or its lower edge, is nearer.
         advice: views to take next, the most wanted first.
-        wanted: the first of them; None where none is wanted.
+        wanted: the first of them; None if no view is missing.
         visible: (5,5) cells of the left image and of the right that can show a board.
     """
 
@@ -84,7 +84,7 @@ class ViewCoverage:
     visible: tuple[BoolArray, BoolArray] = (ALL_CELLS, ALL_CELLS)
 
     def filled(self, side: int) -> float:
-        """Share of the cells of one camera (0 left, 1 right) that can show a board in which corners were seen."""
+        """Share of cells with corners among the cells of one camera (0 left, 1 right) that can show a board."""
         return _share(self.cells[side], self.visible[side])
 
 
@@ -124,7 +124,7 @@ def filled_cells(points: FloatArray, image_size: tuple[int, int]) -> BoolArray:
 
 
 def visible_cells(camera: CameraModel) -> BoolArray:
-    """(5,5) False for cells whose middle a wide fisheye lens leaves dark, or uses for what is beside the camera."""
+    """(5,5) False for cells outside the image circle of a wide fisheye lens, or beyond 90 deg off its axis."""
     width, height = camera.image_size
     x, y = np.meshgrid(
         (np.arange(CELLS) + 0.5) / CELLS * width - 0.5, (np.arange(CELLS) + 0.5) / CELLS * height - 0.5
@@ -133,7 +133,7 @@ def visible_cells(camera: CameraModel) -> BoolArray:
 
 
 def covered_share(cells: BoolArray, camera: CameraModel) -> float:
-    """Share of the (5,5) cells that can show a board in which corners were seen."""
+    """Share of cells with corners among the (5,5) cells that can show a board."""
     return _share(cells, visible_cells(camera))
 
 
@@ -144,7 +144,7 @@ def _share(seen: BoolArray, visible: BoolArray) -> float:
 def _wanted(
     cells: Mapping[str, tuple[BoolArray, BoolArray]], distances: FloatArray, tilts: FloatArray
 ) -> list[tuple[str, WantedView]]:
-    """Views to take next, in words and as places in the image; of cells that were seen, and that can be."""
+    """Views to take next, in words and as places in the image; from the cells with corners and the visible cells."""
     wanted = []
     for name, axis, toward in (("left", 0, -1), ("right", 0, 1), ("upper", 1, -1), ("lower", 1, 1)):
         count = int((toward * tilts[:, axis] > TILTED_DEG).sum())
@@ -181,7 +181,7 @@ def camera_coverage(
 
 
 def _emptiest(seen: BoolArray, visible: BoolArray) -> tuple[str, tuple[float, float]]:
-    """The 2 x 2 cells, of the image's four corners and its middle, with the fewest seen; their name and center."""
+    """Name and center of the block of 2 x 2 cells (image corners and middle) with the fewest detected corners."""
 
     def share(*block: slice) -> float:
         return _share(seen[block], visible[block]) if visible[block].any() else 1.0

@@ -1,4 +1,4 @@
-"""Rigs in whatever form they come: lmkit's own, OpenCV's, ROS's or Kalibr's, recognized by their content."""
+"""Rig files of lmkit, OpenCV, ROS and Kalibr, recognized by their content."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RigKind = TypeVar("RigKind", bound=AnyRig)
 # Keys that only camera_info has, and keys that only files of OpenCV have.
 ROS_KEYS = frozenset({"distortion_model", "camera_model", "rectification_matrix", "projection_matrix"})
 OPENCV_KEYS = frozenset({"M1", "K1", "cameraMatrix1", "cameraMatrixL", "camera_matrix_left", "camera_matrix"})
-# Keys of files that name cameras or are made from them, what such a file is, and what to give instead.
+# Keys of other files about cameras: the kind of file, and the file to give instead.
 _NO_RIGS = {
     "relative_config_imucam": ("settings of OpenVINS", "give its kalibr_imucam_chain.yaml"),
     "cam0_calib": ("settings of VINS", "give the file that cam0_calib names"),
@@ -35,10 +35,10 @@ def read_any_rig(path: Path) -> AnyRig:
     """A rig from a file, or from a folder with ROS's left.yaml and right.yaml.
 
     Raises:
-        InputError: not readable, or no such kind of file is valid; a baseline that no camera has.
+        InputError: not readable, not a valid rig file, or an implausible baseline.
 
     Warns:
-        InputWarning: what is possible, but seldom meant, such as a right camera left of the left one.
+        InputWarning: unusual values, such as a right camera to the left of the left one.
     """
     return _plausible(_read(path), str(path))
 
@@ -47,7 +47,7 @@ def read_rig_pair(left: Path, right: Path) -> StereoRig:
     """A rig from ROS's two camera_info files, whatever their names.
 
     Raises:
-        InputError: not readable, not valid, or no stereo pair.
+        InputError: not readable, not valid, or not a stereo pair.
 
     Warns:
         InputWarning: as `read_any_rig`.
@@ -102,7 +102,7 @@ def _read(path: Path) -> AnyRig:
 
 
 def _unknown(path: Path, text: str, head: DocumentHead) -> InputError:
-    """Error for a file that is no rig of a known kind, with what it looks like."""
+    """Error for a file that is not a rig of a known kind; names the kind of file that it resembles."""
     kinds = "lmkit, OpenCV, ROS (camera_info), Kalibr or PhotonVision"
     if "Camera-system parameters" in text[:2000]:
         return InputError(

@@ -1,4 +1,4 @@
-"""Bags of ROS 1, ROS 2 and MCAP (extra ``bags``): a recording taken out of them as files, poses put into one.
+"""Bags of ROS 1, ROS 2 and MCAP (extra ``bags``): unpack a recording into files, write poses to a bag.
 
 Everything else in lmkit reads files, so a bag is unpacked once: stereo images named by their time, both
 ``camera_info`` as a rig, odometry and gyro as tables.
@@ -53,13 +53,13 @@ class Unpacked:
 
 
 def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
-    """The files of a recording, images as they come and tables at the end.
+    """The files of a recording: images in the order of the bag, tables at the end.
 
     Args:
         wanted: topics by role (a field of :class:`Topics`); None or absent: found by type and name.
 
     Raises:
-        InputError: rosbags is not installed, the bag cannot be read, or it holds no stereo images.
+        InputError: rosbags is not installed, the bag cannot be read, or it has no stereo images.
     """
     _require_rosbags()
     from rosbags.highlevel import AnyReader
@@ -80,7 +80,7 @@ def read_laser_messages(bag: Path, topic: str | None = None) -> list[LaserScan]:
     """All LaserScan messages of one topic.
 
     Raises:
-        InputError: rosbags is not installed, the bag cannot be read, or no topic or more than one fits.
+        InputError: rosbags is not installed, the bag cannot be read, or not exactly one topic matches.
     """
     _require_rosbags()
     from rosbags.highlevel import AnyReader, AnyReaderError
@@ -132,7 +132,7 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
     """Topics by role, from the types of all topics.
 
     Raises:
-        InputError: a topic asked for is not there, or no two topics of images are the left and the right one.
+        InputError: a topic asked for is not there, or no topics of left and right images are found.
     """
     found: dict[str, str | None] = {}
     for role, kinds, word in (
@@ -175,7 +175,7 @@ def find_topics(types: dict[str, str], wanted: dict[str, str | None], bag: Path)
 
 
 def _beside(images: str | None, types: dict[str, str]) -> str | None:
-    """The camera_info that ROS drivers publish beside a topic of images; None: there is none."""
+    """The camera_info that ROS drivers publish beside a topic of images; None if there is none."""
     names = [] if images is None else [f"{parent}/camera_info" for parent in _parents(images)]
     return next((name for name in names if types.get(name) == INFO), None)
 
@@ -213,7 +213,7 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> No
             ),
         )
         poses.append((nanoseconds, message))
-    # Written in another folder first, so that no half bag stays behind; the bag's files bear its own name.
+    # Written to another folder first, so that no partial bag remains; files in a bag are named after the folder.
     partial = folder.with_name(f".{folder.name}.partial")
     try:
         shutil.rmtree(partial, ignore_errors=True)
@@ -254,7 +254,7 @@ def _unpack(reader: Any, topics: Topics) -> Iterator[Unpacked]:
         time_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         if role in ("left", "right"):
             waiting[role].append((time_s, *_image(message, connection.msgtype, connection.topic)))
-            # A camera that sees alone for so long has lost its partner.
+            # So many images without a partner: the other camera has stopped.
             del waiting[role][:-MOST_WAITING]
             for pair in _pairs(waiting):
                 for side, (_, content, suffix) in pair.items():
@@ -297,7 +297,7 @@ def _gyro_lines(inertial: list[tuple[float, ...]]) -> list[str]:
 
 
 def _pairs(waiting: dict[str, list[tuple[float, bytes, str]]]) -> Iterator[dict[str, tuple[float, bytes, str]]]:
-    """Images of one frame, taken off the lists; those that can have no partner any more are dropped."""
+    """Images of one frame, removed from the lists; images that can no longer have a partner are dropped."""
     left, right = waiting["left"], waiting["right"]
     while left and right:
         apart = right[0][0] - left[0][0]

@@ -1,4 +1,4 @@
-"""Corner files: what was seen of a board, so that a calibration can be repeated without the images (JSON)."""
+"""Corner files (JSON): detected corners of a board, to repeat a calibration without the images."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Color profiles (ICC) in images: colors become sRGB, as a viewer shows them.
 
-Phones save Display P3, cameras at times Adobe RGB, printers' files CMYK; taken as sRGB, their colors are too dull.
+Phones save Display P3, cameras at times Adobe RGB, printers' files CMYK; read as sRGB, their colors would be too
+dull.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ _MODES = {"RGB ": "RGB", "CMYK": "CMYK"}  # color space of a profile: mode of it
 
 
 def in_srgb(image: Image.Image, profile: object, name: str) -> Image.Image:
-    """An image in RGB or CMYK with its color profile applied; others, and those in sRGB, as they are.
+    """An RGB or CMYK image, converted to sRGB by its color profile; images of other modes or in sRGB are unchanged.
 
     Args:
-        profile: bytes of the ICC profile, or what stands in their place.
-        name: what to call the image in warnings.
+        profile: bytes of the ICC profile; any other value is ignored.
+        name: name of the image in warnings.
 
     Warns:
         InputWarning: the profile is damaged, or cannot be applied.

@@ -11,7 +11,7 @@ from lmkit.io.documents import MAX_VALUES, PlainLoader
 
 @dataclass(frozen=True)
 class DocumentHead:
-    """Keys of the first YAML or JSON document of a text; none where the text is no such document.
+    """Keys of the first YAML or JSON document of a text; none if the text is not such a document.
 
     Attributes:
         format: value of the key ``format``, or an empty text.
@@ -23,7 +23,7 @@ class DocumentHead:
 
 
 def head_of(text: str) -> DocumentHead:
-    """Head of a text; what follows a syntax error is not seen.
+    """Head of a text; keys after a syntax error are missing.
 
     Examples:
         >>> head_of('{"name": "lmkit-map/1", "format": "lmkit-rig/1"}').format

@@ -1,4 +1,4 @@
-"""Documents that a model of pydantic describes; rigs and maps, which most commands read, have `layouts.py`."""
+"""Documents described by pydantic models; for rigs and maps, which most commands read, see `layouts.py`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lmkit.io.field_problems import first_problem
 class Document(BaseModel):
     """Base of every model: unknown keys and values that are not finite are refused."""
 
-    # Most models that are imported are not needed: each is prepared when a file of it is read.
+    # Most imported models are not needed: pydantic builds each one when its first file is read.
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
@@ -26,11 +26,11 @@ def read_document(path: Path, model: type[DocumentT], what: str) -> DocumentT:
     """Read and validate a YAML (or JSON) file.
 
     Args:
-        model: what it must follow; the default of its field ``format`` is the kind of file.
+        model: model of the file; the default of its field ``format`` is the kind of file.
         what: its kind in error messages, e.g. ``floor file``.
 
     Raises:
-        InputError: anything wrong with it, with the path of the offending key.
+        InputError: not readable or not valid; names the path of the key.
     """
     data = read_keys(path, model.model_fields["format"].default, what)
     try:

@@ -1,7 +1,7 @@
-"""One door for text and documents: bounded, finite, from regular files only; no duplicate or unknown keys.
+"""The only reader of text and documents: regular files, bounded size, finite numbers, no duplicate or unknown keys.
 
-A document (YAML or JSON) is bounded in bytes, values (aliases count as often as they stand for something) and depth
-before any of it is built.
+A document (YAML or JSON) is bounded in bytes, values (an aliased value counts at every use) and depth
+before any value is built.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lmkit.errors import InputError
 if TYPE_CHECKING:
     _BaseLoader = yaml.SafeLoader
 else:
-    _BaseLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one is ten times as fast
+    _BaseLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled loader is ten times as fast
 
 MAX_BYTES = 64 * 1024 * 1024
 MAX_VALUES = 1_000_000  # of a document, keys included
@@ -34,7 +34,7 @@ _BOMS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", 
 
 
 class PlainLoader(_BaseLoader):
-    """YAML without dates and numbers to base 60, which YAML 1.1 finds where people wrote neither."""
+    """YAML without dates and base-60 numbers, which YAML 1.1 reads from ordinary text."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012  (PyYAML's own name and kind)
         first: [(tag, pattern) for tag, pattern in resolvers if tag not in _NO_TIMES]
@@ -76,7 +76,7 @@ def with_article(what: str) -> str:
 
 
 def require_regular(path: Path, what: str) -> None:
-    """Refuse a folder, a device or a pipe in the place of a file.
+    """Refuse a folder, a device or a pipe.
 
     Raises:
         InputError: no such file, or not a regular one.
@@ -94,7 +94,7 @@ def require_regular(path: Path, what: str) -> None:
 
 
 def unreadable(path: Path, what: str, error: OSError | ValueError) -> InputError:
-    """The error for a file that the system does not read."""
+    """The error for a file that the operating system cannot read."""
     problem = getattr(error, "strerror", None) or error
     return InputError(
         "file_unreadable", f"cannot read {what} {path}: {problem}", "check the path and its permissions"
@@ -129,7 +129,7 @@ def read_text(path: Path, what: str, most: int = MAX_BYTES) -> str:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path is a folder; no path is an error."""
+    """Whether a path is a folder; no path raises an error."""
     return os.path.isdir(path)  # noqa: PTH112  (Path.is_dir raises for overlong names)
 
 
@@ -145,7 +145,7 @@ def load_document(
     Args:
         path: named in errors.
         finite: refuse numbers that are not finite.
-        several: take the first of several documents, instead of refusing them.
+        several: read the first of several documents instead of refusing them.
 
     Raises:
         InputError: ``bad_yaml`` with line and column, ``document_too_large``, or ``not_finite`` with the key.
@@ -261,7 +261,7 @@ def read_keys(path: Path, kind: str, what: str) -> dict[str, Any]:
         what: its kind in error messages, e.g. ``rig file``.
 
     Raises:
-        InputError: no such document, or one of another kind.
+        InputError: no such document, or a document of another kind.
     """
     data = load_document(path, read_text(path, what), _UniqueKeyLoader)
     if not isinstance(data, dict):

@@ -1,7 +1,7 @@
 """Lines of a DXF drawing (docs/decisions/0031-dxf.md), read by ezdxf.
 
-Drawn are lines, polylines, arcs, circles, ellipses, splines, multilines, solids and what blocks hold, on layers that
-are switched on; curves become short lines.  Text, dimensions and hatches are no walls.
+Lines come from lines, polylines, arcs, circles, ellipses, splines, multilines, solids and blocks, on layers that
+are switched on; curves become short lines.  Text, dimensions and hatches are not walls.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 MAX_BYTES = 64 * 1024 * 1024
 MAX_RECORDS = 120_000  # ezdxf takes 50 us for each
 _RECORD = re.compile(rb"^[ \t]*0[ \t]*\r?\n[ \t]*[A-Z]", re.MULTILINE)
-HEADER_BYTES = 1024 * 1024  # at the start of a file, in which its unit stands
+HEADER_BYTES = 1024 * 1024  # start of a file, which contains its unit
 MAX_LINES, MAX_PLACED, MAX_DEPTH = 200_000, 100_000, 20  # placed: entities of blocks
-OFF_CURVE_M = 0.005  # short lines of a curve stray by no more
-MAX_STEPS = 10_000  # of a curve: a share of its size that short lines may stray by in place of OFF_CURVE_M
+OFF_CURVE_M = 0.005  # largest distance of short lines from their curve
+MAX_STEPS = 10_000  # size of a curve over the least distance allowed between the curve and its lines
 SHORTEST = 1e-9  # drawing units
 SMALLEST_M, LARGEST_M = 0.5, 2000.0  # of a floor
 MOST_LISTED = 8
@@ -49,7 +49,7 @@ _NO_WALLS = frozenset(
 )  # fmt: skip
 _HINT = "save it as DXF R2000 or newer"
 _UNIT_HINT = "give --scale in meters per unit: 0.001 for millimeters, 0.0254 for inches"
-# What ezdxf raises on files that are cut off or harmed.
+# Exceptions of ezdxf for truncated or damaged files.
 _HARMED = (
     ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, OSError, RecursionError, RuntimeError,
     StopIteration, TypeError, ValueError, struct.error,
@@ -61,15 +61,15 @@ class LayerRules:
     """Which layers of a drawing are walls.
 
     Attributes:
-        only: patterns of names, of which one must fit; empty: all layers.
-        without: patterns of names of which none may fit.
+        only: patterns of names, one of which must match; empty: all layers.
+        without: patterns of names, none of which may match.
     """
 
     only: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
 
     def takes(self, layer: str) -> bool:
-        """Are lines on this layer walls?  Case does not matter."""
+        """Whether lines on this layer are walls; case is ignored."""
 
         def fits(patterns: Iterable[str]) -> bool:
             return any(fnmatch.fnmatchcase(layer.lower(), pattern.lower()) for pattern in patterns)
@@ -81,7 +81,7 @@ ALL_LAYERS = LayerRules()
 
 
 def parse_layer_rules(text: str) -> LayerRules:
-    """Layers as ``--layers`` names them; ``not:`` leaves layers out, ``*`` stands for any letters.
+    """Layers from the option ``--layers``; ``not:`` excludes layers, ``*`` matches any letters.
 
     >>> parse_layer_rules("A-WALL*,not:A-WALL-PATT")
     LayerRules(only=('A-WALL*',), without=('A-WALL-PATT',))
@@ -98,13 +98,13 @@ def read_dxf_lines(
     """(2,) ends of all lines in meters, y up, the lowest and leftmost at 0.
 
     Args:
-        scale_m: meters a drawing unit, in place of the file's own $INSUNITS.
+        scale_m: meters per drawing unit, instead of the file's own $INSUNITS.
         curves: False leaves out circles, arcs, splines and the arcs of polylines.
 
     Raises:
-        InputError: no DXF, no unit, no line in it, too large, a layer that it has not, or a reference to another
+        InputError: not DXF, no unit, no lines, too large, a layer that does not exist, or a reference to another
             file.
-        InputWarning: the unit was replaced; what may be walls was left out; which layers there are.
+        InputWarning: the unit was replaced; entities that may be walls were omitted; the list of layers.
     """
     document = _document(path)
     unit_m = _unit_m(path, document, scale_m)
@@ -160,11 +160,11 @@ def _document(path: Path) -> Drawing:
 
 
 def _unit_m(path: Path, document: Drawing, scale_m: float | None) -> float:
-    """Meters a drawing unit."""
+    """Meters per drawing unit."""
     from ezdxf import units
     from ezdxf.enums import InsertUnits
 
-    # ezdxf takes meters where a file says nothing.
+    # ezdxf assumes meters if the file has no unit.
     with path.open("rb") as stream:
         is_stated = b"$INSUNITS" in stream.read(HEADER_BYTES)
     try:
@@ -184,7 +184,7 @@ def _unit_m(path: Path, document: Drawing, scale_m: float | None) -> float:
 
 
 def _check_extent(path: Path, extent_m: float, unit_m: float) -> None:
-    """Refuse a plan that no building has, which is drawn in another unit than the file says.
+    """Refuse a plan of implausible size, whose file has the wrong unit.
 
     Raises:
         InputError: names the size.
@@ -214,7 +214,7 @@ class _Drawing:
         """Lines of an entity.
 
         Args:
-            inherited: layer of the block that it is in, which those of layer 0 take over.
+            inherited: layer of its block, used by entities on layer 0.
         """
         self.placed += depth > 0
         if depth > MAX_DEPTH or self.placed > MAX_PLACED:
@@ -279,7 +279,7 @@ class _Drawing:
             return np.empty((0, 2, 2))
         path = make_path(entity)
         extent = max((max(abs(p.x), abs(p.y)) for p in path.control_vertices()), default=0.0)
-        # What is drawn so far away would be flattened without end.
+        # Flattening a curve this far away would not end.
         if not extent * OFF_CURVE_M / self.off_curve < LARGEST:
             raise OverflowError("coordinates that are not finite, or too large")
         if self.curves:
@@ -301,10 +301,10 @@ def _is_line(polyline: Any) -> bool:
 
 
 def _check_layers(path: Path, drawing: _Drawing, layers: LayerRules) -> None:
-    """Refuse patterns that fit no layer with lines.
+    """Refuse patterns that match no layer with lines.
 
     Raises:
-        InputError: names the layers that there are.
+        InputError: names the existing layers.
     """
     names = {*drawing.by_layer, *(layer.dxf.name for layer in drawing.document.layers)}
     for pattern in (*layers.only, *layers.without):
@@ -329,7 +329,7 @@ def _no_lines(path: Path, document: Drawing, drawing: _Drawing) -> InputError:
 
 
 def _remarks(path: Path, drawing: _Drawing) -> Iterator[str]:
-    """Sentences on what was left out, and on layers to choose from."""
+    """Sentences on omitted entities, and on layers to choose from."""
     if drawing.left_out:
         yield f"{path}: left out: {_listed(drawing.left_out)}; explode or bind what are walls"
     used = Counter({name: n for name, n in drawing.by_layer.items() if n and drawing.layers.takes(name)})

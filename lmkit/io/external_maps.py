@@ -1,10 +1,10 @@
 """Maps of other systems: WPILib's AprilTag field layout (JSON) and TagSLAM's static bodies (YAML), in and out.
 
-What is read alone is in `marker_maps`.
+Formats that are only read are in `marker_maps`.
 
 WPILib (FIRST robotics, PhotonVision): meters, quaternions W X Y Z; a tag's x axis points out of its face, y to the
-left of one who looks out from it, z up, while ours are x right and y up for one who looks at it, and z out of it.
-TagSLAM: rotation vectors; a tag's axes are ours.
+left seen from the tag outwards, z up.  lmkit's axes are x right and y up seen by a viewer of the tag, z out of it.
+TagSLAM: rotation vectors; a tag's axes are lmkit's.
 """
 
 from __future__ import annotations
@@ -47,22 +47,22 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.square_marker import SQUARE_FAMILIES
 
-FIELD_TAG_M = 0.1651  # of every tag on a field, as its rules have it; the layout does not say
+FIELD_TAG_M = 0.1651  # of every tag on a field, by the game's rules; the layout has no size
 SMALLEST_TAG_M, LARGEST_TAG_M = 0.003, 10.0
-LEAST_CORRELATION = 0.01  # that is worth a warning where it is lost
+LEAST_CORRELATION = 0.01  # smallest lost correlation with a warning
 
 
 def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> LandmarkMap:
-    """A map of lmkit's or of another system, recognized by content.
+    """A map of lmkit or of another system, recognized by content.
 
     Args:
-        defaults: family and size of markers in files that do not say them.
+        defaults: family and size of markers for files without them.
 
     Raises:
-        InputError: not readable, or none of them; the file says another family or size than ``defaults``.
+        InputError: not readable, of an unknown kind, or with another family or size than ``defaults``.
 
     Warns:
-        InputWarning: a family or size that neither the file nor ``defaults`` says is assumed.
+        InputWarning: a family or size is assumed, since neither the file nor ``defaults`` has it.
     """
     text, defaults = read_text(path, "map file"), defaults or MarkerDefaults()
     head = head_of(text)
@@ -87,7 +87,7 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
 
 
 def _unknown(path: Path, keys: frozenset[str]) -> InputError:
-    """Error for a file that is no map of a known kind."""
+    """Error for a file that is not a map of a known kind."""
     if any("ros__parameters" in key or key.startswith("/**") for key in keys):
         return InputError("not_a_map", f"{path}: parameters of a ROS 2 node, which contain no poses", "give a map")
     what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it contains no keys"
@@ -129,7 +129,7 @@ def map_to_tagslam(landmarks: LandmarkMap) -> str:
 
 
 def has_correlations(landmarks: LandmarkMap) -> bool:
-    """Do covariances say more than standard deviations along each landmark's own axes, all that TagSLAM reads?"""
+    """Whether covariances have correlations along a landmark's own axes; TagSLAM reads standard deviations only."""
     for m in landmarks:
         if m.covariance is not None:
             C = _along_own_axes(m)
@@ -140,7 +140,7 @@ def has_correlations(landmarks: LandmarkMap) -> bool:
 
 
 def _along_own_axes(m: MappedLandmark) -> FloatArray:
-    """(6,6) covariance along the landmark's axes: GTSAM, and with it TagSLAM, counts the noise of a pose so."""
+    """(6,6) covariance along the landmark's axes: the convention of GTSAM, and so of TagSLAM."""
     assert m.covariance is not None
     turn = np.kron(np.eye(2), m.T_map_landmark.R)
     return np.asarray(turn.T @ m.covariance @ turn)
@@ -150,7 +150,7 @@ def _from_wpilib(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMap
     mapped = []
     try:
         layout = load_json(path, text)
-        # Fields of other seasons had other tags: a layout that names its own is believed.
+        # Fields of other seasons had other tags: a family in the layout has priority.
         stated = layout.get("family"), layout.get("size")
         family = defaults.family_of(path, None if stated[0] is None else str(stated[0]), APRILTAG)
         size_m = defaults.size_of(path, None if stated[1] is None else float(stated[1]), FIELD_TAG_M)
@@ -221,7 +221,7 @@ def _tagslam_covariance(values: dict[str, dict[str, float]], T_map_tag: Pose) ->
 
 
 def _require_meters(path: Path, mapped: list[MappedLandmark]) -> None:
-    """Refuse sizes that no tag has.
+    """Refuse implausible sizes of tags.
 
     Raises:
         InputError: names the tag.

@@ -1,4 +1,4 @@
-"""Problems with values of a file, in a few plain words instead of those of Python and pydantic."""
+"""Plain messages for invalid values in files, instead of those of Python and pydantic."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-MOST_SHOWN = 40  # letters of a value
+MOST_SHOWN = 40  # characters of a value
 # By pydantic's name of the problem; {value} and its limits are filled in.
 SENTENCES = {
     "extra_forbidden": "unknown key",
@@ -40,14 +40,14 @@ SENTENCES = {
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """(path of the key, what is wrong with it) of a validation's first complaint."""
+    """(path of the key, problem) of the first error of a validation."""
     detail = error.errors(include_url=False)[0]
     sentence = sentence_of(detail["type"], detail["input"], detail.get("ctx", {}), detail["msg"])
     return path_of(detail["loc"]), sentence
 
 
 def path_of(place: Iterable[str | int]) -> str:
-    """Path of a value, such as ``cameras[0].K``, from the keys and numbers of list items that lead to it."""
+    """Path of a value, such as ``cameras[0].K``, from its keys and list indices."""
     where = ""
     for part in place:
         where += f"[{part}]" if isinstance(part, int) else f".{part}" if where else str(part)
@@ -61,7 +61,7 @@ def sentence_of(kind: str, given: object, limits: Mapping[str, object], otherwis
         kind: name of the problem.
         given: the value.
         limits: numbers that the sentence names.
-        otherwise: what is said of a problem without a sentence.
+        otherwise: the sentence for an unknown kind of problem.
     """
     if kind == "too_short" and not given:
         return "contains nothing"
@@ -76,7 +76,7 @@ def sentence_of(kind: str, given: object, limits: Mapping[str, object], otherwis
 
 
 def plain_problem(error: Exception) -> str:
-    """A problem with values of a file, without Python's own words for a missing key or a wrong type."""
+    """A problem with values of a file, without Python's own message for a missing key or a wrong type."""
     text = str(error)
     if isinstance(error, KeyError):
         return f"{error.args[0]} is missing"

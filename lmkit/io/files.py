@@ -1,4 +1,4 @@
-"""Writing files: whole or not at all, and never over something without leave."""
+"""Writing files: completely or not at all; existing files are replaced only with ``force``."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def check_writable(path: Path, force: bool) -> None:
 
 
 def write_file(path: Path, content: bytes | str, force: bool = False) -> None:
-    """Write a file whole or not at all; see :func:`write_files`."""
+    """Write a file completely or not at all; see :func:`write_files`."""
     write_files({path: content}, force)
 
 
 def write_files(contents: Mapping[Path, bytes | str], force: bool = False) -> None:
-    """Write files whole, and all of them or none: under other names first, then moved into place.
+    """Write all files completely or none of them: under temporary names first, then moved into place.
 
     Raises:
         InputError: a file exists and ``force`` is off, or a folder cannot be written to.
@@ -65,7 +65,7 @@ def write_files(contents: Mapping[Path, bytes | str], force: bool = False) -> No
     except BaseException as error:  # Ctrl-C as well
         for partial in partials.values():
             partial.unlink(missing_ok=True)
-        with contextlib.suppress(OSError):  # another's file may be in one of them by now
+        with contextlib.suppress(OSError):  # another program may have written a file there
             for folder in sorted(missing, key=lambda folder: -len(folder.parts)):
                 folder.rmdir()
         if not isinstance(error, OSError):
@@ -74,7 +74,7 @@ def write_files(contents: Mapping[Path, bytes | str], force: bool = False) -> No
 
 
 def _encoded(content: bytes | str) -> bytes:
-    """UTF-8; what is no text in a file's name is escaped, as in JSON."""
+    """UTF-8; undecodable bytes of file names are escaped, as in JSON."""
     return content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
 
 

@@ -22,12 +22,12 @@ from lmkit.model.floor_plan import FloorPlan, wall_name, walls_of
 
 CELL_M = 0.05
 SMALLEST_M = 0.5  # of a floor
-DOOR_M = 1.3  # an outer door that stands open is narrower
-HIDDEN_RATIO = 2.0  # so many times the floor must grow before open doors are treated as closed
-LARGEST_CELL_M = 0.25  # a robot has to find its way between cells
+DOOR_M = 1.3  # wider than an open outer door
+HIDDEN_RATIO = 2.0  # open doors are treated as closed if the floor grows at least by this factor
+LARGEST_CELL_M = 0.25  # larger cells are too coarse for planning
 MOST_CELLS = 16_000_000
 LEAST_ROTATION_RAD = 1e-6
-PROBES = (-0.45, 0.0, 0.45)  # of a cell, per axis: a rotated cell is free only if all of it is
+PROBES = (-0.45, 0.0, 0.45)  # of a cell, per axis: a rotated cell is free only if all these points are
 
 
 def floor_of_grid(
@@ -47,8 +47,8 @@ def floor_of_grid(
         scale_m: side of a cell.
         origin: lower left corner of the grid in the map, meters.
         rotation_rad: rotation of the grid about that corner, counter-clockwise.
-        solid: cells that are walls for certain; None: every cell that is not free.
-        drawing: what becomes of islands and thin lines.
+        solid: cells that are certainly walls; None: every cell that is not free.
+        drawing: treatment of islands and thin lines.
 
     Raises:
         InputError: cells too coarse or too many, or nothing is free.
@@ -67,7 +67,7 @@ def floor_of_grid(
         )
     if drawing.thin_m > 0:
         free = ~without_thin_lines(~free, drawing.thin_m, scale_m)
-    # Cells that hold any wall are not free.
+    # Cells that contain any part of a wall are not free.
     times = max(1, round(CELL_M / scale_m))
     if times > 1:
         free = np.asarray(_blocks(free, times).all(axis=(1, 3)))
@@ -75,7 +75,7 @@ def floor_of_grid(
     check_size(path, *free.shape)
     cell_m = scale_m * times
     inside = inside_of(path, free, cell_m)
-    # An outer door that was shut is no wall.
+    # A closed outer door is not a wall.
     solid = ~free if solid is None else solid
     free = inside
     if abs(rotation_rad) < LEAST_ROTATION_RAD:
@@ -85,7 +85,7 @@ def floor_of_grid(
 
 
 def _with_walls(floor: FloorPlan, solid: BoolArray | None) -> FloorPlan:
-    """Walls along the outlines, but for those of islands that are no walls."""
+    """Walls along the outlines, except outlines of islands that are not walls."""
     walls = [
         wall for wall in walls_of(floor.free, floor.cell_m, floor.origin, solid) if use_behind(floor, wall) == "wall"
     ]
@@ -107,13 +107,13 @@ def check_size(path: Path, rows: int, columns: int) -> None:
 
 
 def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = True) -> BoolArray:
-    """Free cells that are not connected with the rim of the grid, or all of them where none are left then.
+    """Free cells that are not connected with the border of the grid; all free cells if there are none.
 
-    An outer door that stands open would make the rooms behind it outside, and leave what is closed, such as the
-    inside of a drawn table.  So where openings up to `DOOR_M` hide most of the floor, they are treated as closed.
+    An open outer door would make the rooms behind it outside, and leave only closed areas, such as the
+    inside of a drawn table.  If openings up to `DOOR_M` remove most of the floor, they are treated as closed.
 
     Args:
-        shut_doors: False for walls that were written by hand, where an opening is a mistake to name.
+        shut_doors: False for walls written by hand, where an opening is reported as an error.
 
     Raises:
         InputError: no cell is free.
@@ -134,7 +134,7 @@ def inside_of(path: Path, free: BoolArray, cell_m: float, shut_doors: bool = Tru
 
 
 def _inside_with_doors_shut(free: BoolArray, cell_m: float) -> BoolArray:
-    """Free cells that a disc as wide as a door does not reach from the rim, but for niches too narrow for it.
+    """Free cells that a disc of a door's width does not reach from the border, except narrow niches.
 
     The disc reaches a little into a door; the line between inside and outside is where the opening is narrowest.
     """
@@ -145,7 +145,7 @@ def _inside_with_doors_shut(free: BoolArray, cell_m: float) -> BoolArray:
     padded = np.pad(free, around, constant_values=True)
     clearance = distance_transform_edt(padded)
     clear = clearance > radius
-    # The disc starts outside of everything.
+    # The disc starts outside the building.
     clear[[0, -1]], clear[:, [0, -1]] = True, True
     _, parts = cv2.connectedComponents(clear.astype(np.uint8), connectivity=4)
     is_outside = parts == parts[0, 0]

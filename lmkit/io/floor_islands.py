@@ -1,4 +1,4 @@
-"""Islands of drawn floor plans: text, furniture and pillars that no line connects with the outer walls."""
+"""Islands of drawn floor plans: text, furniture and pillars that are not connected with the outer walls."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class DrawingOptions:
     Attributes:
         small: use of small islands: ``obstacle``, ``ignore`` or ``wall``.
         by_number: use of single islands.
-        thin_m: lines that are thinner are left out of images; 0: none.
-        curves: False leaves curves out of SVG and DXF, such as door arcs.
-        layers: of a DXF drawing.
+        thin_m: thinner lines in images are ignored; 0: none.
+        curves: False ignores curves in SVG and DXF, such as door arcs.
+        layers: walls among the layers of a DXF drawing.
     """
 
     small: str = "obstacle"
@@ -51,7 +51,7 @@ PLAIN_DRAWING = DrawingOptions()
 
 
 def parse_island_rules(text: str) -> tuple[str, dict[int, str]]:
-    """Use of small islands, and of single ones by number, as ``--islands`` gives them.
+    """Use of small islands, and of single islands by number, from the option ``--islands``.
 
     >>> parse_island_rules("ignore,walls:5")
     ('ignore', {5: 'wall'})
@@ -78,7 +78,7 @@ def find_islands(
         free: (rows, columns), row 0 at the lowest y; the outside is not free.
 
     Raises:
-        InputError: a number is given that no island has.
+        InputError: an island's number does not exist.
     """
     solid = np.pad(~free, 1, constant_values=True).astype(np.uint8)
     _, parts, stats, _ = cv2.connectedComponentsWithStats(solid, connectivity=8)
@@ -97,7 +97,7 @@ def find_islands(
         islands.append(Island(number, low, low + size, use))
         crop = np.s_[top - 1 : top - 1 + height, left - 1 : left - 1 + width]
         own = parts[1:-1, 1:-1][crop] == k
-        # The inside of a drawn table is no floor.
+        # The inside of a drawn table is not floor.
         cells[crop][own if use == "wall" else binary_fill_holes(own)] = number
     unknown = sorted(set(options.by_number) - {island.number for island in islands})
     if unknown:
@@ -108,7 +108,7 @@ def find_islands(
 
 
 def with_islands(floor: FloorPlan, drawing: DrawingOptions) -> FloorPlan:
-    """The floor with its islands; those to ignore become free, those that are obstacles are filled."""
+    """The floor with its islands: ignored islands become free, obstacles are filled."""
     islands, numbers = find_islands(floor.free, floor.cell_m, floor.origin, drawing)
     if not islands:
         return floor
@@ -129,7 +129,7 @@ def island_use(floor: FloorPlan, place: FloatArray) -> str:
 
 
 def use_behind(floor: FloorPlan, wall: Wall) -> str:
-    """Use of the island that a wall found along an outline belongs to, over gaps between islands too; or ``wall``."""
+    """Use of the island behind a wall on an outline, also across gaps between islands; ``wall`` without one."""
     out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
     steps = np.linspace(0.0, 1.0, 1 + int(np.ceil(wall.length_m / floor.cell_m)))[:, None]
     behind = wall.left + steps * (wall.right - wall.left) - 0.4 * floor.cell_m * out
@@ -180,7 +180,7 @@ def without_thin_lines(dark: BoolArray, thin_m: float, pixel_m: float) -> BoolAr
             "give more",
         )
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
-    # The outside counts as dark, so that walls at the rim keep their thickness.
+    # The outside counts as dark, so that walls at the border keep their thickness.
     padded = np.pad(dark.astype(np.uint8), width, mode="edge")
     opened = cv2.morphologyEx(padded, cv2.MORPH_OPEN, kernel)
     return np.asarray(opened[width:-width, width:-width] > 0)

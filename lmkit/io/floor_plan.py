@@ -27,7 +27,7 @@ FREE_ABOVE = 0.86  # of white, in plain images: gray furniture and thin walls ar
 SHORTEST_WALL_M = 0.05
 LONGEST_ROOM_M = 200.0
 BORDER = 4  # cells around lines
-LOOKS_IN = 0.1  # share of a line's side that must be free for it to be a wall
+LOOKS_IN = 0.1  # least share of free cells along one side of a line that makes this side a wall
 
 Meters = Annotated[float, Field(ge=-1e8, le=1e8)]  # coordinates of a country's grid reach 1e7
 Point = Annotated[list[Meters], Field(min_length=2, max_length=2)]
@@ -56,12 +56,12 @@ def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions
     """A floor plan from a file of any kind.
 
     Args:
-        scale_m: meters a pixel of an image, or a user unit of an SVG file; needed for those. Of a DXF file, meters a
-            unit, in place of the file's own. Not for other files.
-        drawing: what becomes of islands, thin lines, curves and layers of images and drawings.
+        scale_m: meters per pixel of an image or per user unit of an SVG file, required for both. For DXF, meters per
+            unit, instead of the file's own. Not allowed for other files.
+        drawing: treatment of islands, thin lines, curves and layers of images and drawings.
 
     Raises:
-        InputError: not readable, no scale or one too many, nothing free in it.
+        InputError: not readable, a missing or superfluous scale, or no free cells.
     """
     require_regular(path, "floor plan")
     suffix = path.suffix.lower()
@@ -97,7 +97,7 @@ def read_floor(path: Path, scale_m: float | None = None, drawing: DrawingOptions
 
 
 def read_drawn_lines(path: Path) -> tuple[list[Wall], Places]:
-    """Lines and places of a lmkit-floor/1 file, as they stand in it; a line without a name has an empty one.
+    """Lines and places of a lmkit-floor/1 file, unchanged; a line without a name has an empty name.
 
     Raises:
         InputError: not readable, or of another format.
@@ -166,13 +166,13 @@ def _read_ours(path: Path) -> FloorPlan:
 
 
 def _from_lines(path: Path, lines: list[Wall], drawing: DrawingOptions | None = None) -> FloorPlan:
-    """Each line has two sides; those that look into free space are walls.
+    """A floor from lines; each side of a line that faces free space is a wall.
 
     Args:
         drawing: for drawings, whose islands may be text or furniture.
     """
     ends = np.array([end for line in lines for end in (line.left, line.right)])
-    # Half a cell more: lines on whole cells, such as those of a room from 0 to 6 m, block as much on either side.
+    # Shifted by half a cell: lines between cells, as in a room from 0 to 6 m, block equally on both sides.
     low, high = ends.min(axis=0) - (BORDER + 0.5) * CELL_M, ends.max(axis=0) + (BORDER + 0.5) * CELL_M
     columns, rows = np.ceil((high - low) / CELL_M).astype(int).tolist()
     check_size(path, rows, columns)
@@ -196,7 +196,7 @@ def _from_lines(path: Path, lines: list[Wall], drawing: DrawingOptions | None = 
 
 
 def _split_walls(walls: list[Wall]) -> list[Wall]:
-    """Both sides of a wall inside a room have names of their own."""
+    """Walls with different names for the two sides of an inner wall."""
     names = [wall.name for wall in walls]
     seen: dict[str, int] = {}
     answer = []

@@ -24,11 +24,11 @@ SPLIT = "split:"
 
 
 def require_image_of_each(cameras: Sequence[str], sources: Sequence[str], hint: str = "") -> None:
-    """Refuse sources that are not one per camera.
+    """Require one source per camera.
 
     Args:
         cameras: names of the rig's cameras, in order.
-        hint: another way out.
+        hint: advice in the error.
 
     Raises:
         InputError: there are more or fewer.
@@ -48,7 +48,7 @@ def image_count(sources: Sequence[str]) -> int:
 
 
 def are_files(sources: Sequence[str]) -> bool:
-    """Do the sources name image files that worker processes can read, and no videos or cameras?"""
+    """Whether all sources are image files, which worker processes can read, and not videos or cameras."""
     return all(
         not source.startswith((SPLIT, CAMERA)) and source != "-" and Path(source).suffix.lower() not in VIDEO_SUFFIXES
         for source in sources
@@ -56,11 +56,11 @@ def are_files(sources: Sequence[str]) -> bool:
 
 
 def list_groups(sources: Sequence[str]) -> list[tuple[Path, ...]]:
-    """The image files of one or more folders or globs, grouped by name where names tell, else in their order.
+    """The image files of one or more folders or globs, grouped by name if the names match, else in order.
 
     Raises:
-        InputError: there are none; names do not tell, and there are not as many of every camera; one file is of two
-            cameras.
+        InputError: there are none; names do not match, and the cameras have different numbers of images; one file
+            belongs to two cameras.
 
     Warns:
         InputWarning: images without a partner are left out.
@@ -97,7 +97,7 @@ def list_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
     """The image files of two folders or globs, paired as in `list_groups`.
 
     Raises:
-        InputError: there are none, not as many on both sides, or the same files on both.
+        InputError: there are none, different numbers on both sides, or the same files on both.
     """
     return [(files[0], files[1]) for files in list_groups([left, right])]
 
@@ -162,7 +162,7 @@ def _camera_groups(sources: Sequence[str]) -> Iterator[tuple[Frame, ...]]:
                     "check the number, such as camera:0, and close other programs",
                 )
         count = 0
-        # Grab from every camera, whatever the first one says, so that they stay in step.
+        # Grab from every camera, even if the first one fails, so that they stay synchronized.
         while min([camera.grab() for camera in cameras]):
             images = [np.asarray(camera.retrieve()[1], dtype=np.uint8) for camera in cameras]
             yield tuple(Frame(f"frame#{count}", image) for image in images)

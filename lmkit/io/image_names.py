@@ -11,7 +11,7 @@ import numpy as np
 from lmkit.units import NANOSECONDS_FROM
 
 MOST_APART_S = 0.02  # between the stamps of cameras that are triggered together
-LEAST_SHARE = 0.5  # of images with partners for a name to tell; counters of two cameras may overlap by chance
+LEAST_SHARE = 0.5  # least share of images with partners; counters of two cameras may overlap by chance
 _NUMBER = re.compile(r"(\d+\.\d+|\d+)")
 _SECONDS = re.compile(r"(\d{9,}\.\d+|\d+\.\d+)$")
 _INTEGER = re.compile(r"(?<![\d.])\d{18,19}$")
@@ -39,10 +39,10 @@ def in_order(files: Sequence[Path]) -> list[Path]:
 
 
 def matched(lists: Sequence[Sequence[Path]]) -> list[tuple[Path, ...]] | None:
-    """Groups of one file a camera that their names put together; None where names do not tell.
+    """Groups of one file per camera with matching names; None if the names do not match.
 
-    Names tell where they are equal, equal but for the camera's name in them (left, right, l, r, cam0), or end in
-    times that are near each other; and where that holds for most of the files.
+    Names match if they are equal, equal except for the camera's name (left, right, l, r, cam0), or end in
+    nearby times.  Most of the files must match.
     """
     keys: tuple[Callable[[Path], Hashable], ...] = (lambda path: path.stem, _without_camera)
     for key in keys:
@@ -68,7 +68,7 @@ def _tell(groups: Sequence[tuple[Path, ...]], lists: Sequence[Sequence[Path]]) -
 
 
 def _by_key(named: Sequence[dict[Hashable, Path]]) -> list[tuple[Path, ...]]:
-    """Groups of one key, in the order of the first camera."""
+    """Groups with the same key, in the order of the first camera."""
     common = [key for key in named[0] if key is not None and all(key in others for others in named[1:])]
     return [tuple(files[key] for files in named) for key in common]
 

@@ -75,7 +75,7 @@ def list_images(where: str) -> list[Path]:
 
 
 def image_files(sources: Sequence[str]) -> list[Path] | None:
-    """All files of the sources, where every one of them is a single image; None where one is not."""
+    """All files of the sources if every source consists of image files; else None."""
     if any(source.startswith(CAMERA) for source in sources):
         return None
     try:
@@ -87,7 +87,7 @@ def image_files(sources: Sequence[str]) -> list[Path] | None:
 
 
 def frames(sources: list[str]) -> Iterator[Frame]:
-    """All images of all sources, one at a time; what cannot be read comes as a Frame with its error."""
+    """All images of all sources, one at a time; an unreadable image is a Frame with an error."""
     for source in sources:
         if source == "-":
             yield _frame("-", sys.stdin.buffer.read())
@@ -142,7 +142,7 @@ def video_frames(source: str) -> Iterator[Frame]:
             if not more:
                 break
             time_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000
-            # Some containers give no times; then the frame rate has to do.
+            # Some containers have no times; then the frame rate gives them.
             if time_s <= 0 < count:
                 rate = video.get(cv2.CAP_PROP_FPS)
                 time_s = count / rate if rate > 0 else math.nan
@@ -200,5 +200,5 @@ def frame_count(sources: Sequence[str]) -> int | None:
 
 
 def are_moving(source: str) -> bool:
-    """Do the images of a source follow each other, as a video's or a camera's do?"""
+    """Whether the images of a source are consecutive frames, as in a video or from a camera."""
     return source.startswith(CAMERA) or Path(source).suffix.lower() in VIDEO_SUFFIXES

@@ -1,8 +1,8 @@
-"""The one door for pixels: every image comes in here and is 8 bit BGR afterwards.
+"""The only reader of images: every image becomes 8 bit BGR.
 
 Policy: files over ``MAX_BYTES`` or ``MAX_PIXELS`` and files that end early are refused; 16 bit is
-scaled to 8; transparency lies on white; gray becomes three equal channels; CMYK is converted; the
-EXIF orientation is applied, so that pixels are where a viewer shows them; colors become sRGB.
+scaled to 8; transparent pixels are blended with white; gray becomes three equal channels; CMYK is converted; the
+EXIF orientation is applied, so that pixels agree with image viewers; colors become sRGB.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def decode_image(data: bytes, name: str) -> ByteArray:
     """An image from the bytes of a file; see :func:`read_image`.
 
     Args:
-        name: what to call it in errors.
+        name: name of the image in errors.
     """
     return np.ascontiguousarray(_loaded(data, name, partial(_to_rgb, name=name))[:, :, ::-1])
 
@@ -88,7 +88,7 @@ def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) ->
         _open_heif(name)
     try:
         with warnings.catch_warnings():
-            # The size is judged right below, by our own cap.
+            # The size is checked below, against MAX_PIXELS.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             loaded: Image.Image = Image.open(io.BytesIO(data))
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError):
@@ -118,7 +118,7 @@ def _loaded(data: bytes, name: str, convert: Callable[[Image.Image], Pixels]) ->
 
 
 def _open_heif(name: str) -> None:
-    """Let Pillow open HEIC."""
+    """Register HEIC with Pillow."""
     try:
         from pillow_heif import register_heif_opener
     except ImportError:
@@ -150,7 +150,7 @@ def _to_gray(loaded: Image.Image) -> tuple[FloatArray, BoolArray]:
 
 
 def gray_to_8_bit(values: AnyArray) -> ByteArray:
-    """Gray values of 10, 12, 14 or 16 bit, whichever hold the largest; or floats up to 1, or up to 255."""
+    """8 bit gray from 10, 12, 14 or 16 bit (the fewest that fit the largest value), or from floats up to 1 or 255."""
     wide = values.astype(np.float64)
     most = wide.max(initial=0)
     scales = (1.0, 255.0) if values.dtype.kind == "f" else (1023.0, 4095.0, 16383.0, 65535.0)
