@@ -1,15 +1,15 @@
-"""Least squares over a chain of states that share some more unknowns: the shape of every recording.
+"""Least squares over a chain of states with additional shared unknowns: the structure of every recording.
 
-Unknowns are N states of d numbers each, tied to their neighbors alone (by motion), and m numbers that many states
-see (landmarks, scales, biases).  The normal equations are block tridiagonal with a border,
+Unknowns are N states of d numbers each, linked by motion to their neighbors only, and m numbers shared by many states
+(landmarks, scales, biases).  The normal equations are block tridiagonal with a border,
 
     [ T  B ] [x]   [g]
     [ B' C ] [y] = [h].
 
-The chain is cut into pieces, and the states between two cuts are eliminated (nested dissection; George 1973): in a
-short piece few landmarks are seen, so that its border is narrow.  The cuts are a shorter chain of the same
-shape.  That one is eliminated as a whole, and what is left is a dense matrix of the
-border alone (the Schur complement; Triggs et al. 2000, section 6).  Work grows with N, not with its cube.
+The chain is cut into pieces, and the states between two cuts are eliminated (nested dissection; George 1973): a
+short piece observes few landmarks, so its border is narrow.  The cut states form a shorter chain of the same
+structure.  This chain is eliminated as a whole, which leaves a dense matrix of the
+border only (the Schur complement; Triggs et al. 2000, section 6).  Work grows with N, not with its cube.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class ChainEquations:
     Attributes:
         diagonal: (N,d,d) of every state.
         following: (N-1,d,d) between state k (rows) and k + 1 (columns).
-        border: (N,d,b) between states and the first b shared unknowns: all of them, where there are no blocks.
-        corner: (m,m) of what is shared.
+        border: (N,d,b) between states and the first b shared unknowns: all of them if there are no blocks.
+        corner: (m,m) of the shared unknowns.
         gradient: (N,d) of the states.
         shared_gradient: (m,).
-        blocks: of the border, with the other shared unknowns.
+        blocks: blocks of the border for the other shared unknowns.
     """
 
     diagonal: FloatArray
@@ -60,7 +60,7 @@ class ChainEquations:
 
     @classmethod
     def zeros(cls, count: int, size: int, shared: int, pattern: BlockPattern | None = None) -> ChainEquations:
-        """Nothing known yet; with a pattern, the border has blocks from its first unknown on."""
+        """Equations without information; with a pattern, the border has blocks from its first unknown on."""
         return cls(
             np.zeros((count, size, size)),
             np.zeros((max(count - 1, 0), size, size)),
@@ -78,7 +78,7 @@ class ChainEquations:
         return sum(array.nbytes for array in arrays) + (0 if self.blocks is None else self.blocks.values.nbytes)
 
     def dense_border(self) -> FloatArray:
-        """(N,d,m) between states and all that is shared."""
+        """(N,d,m) between states and all shared unknowns."""
         return self._border_of(np.arange(len(self.diagonal)))
 
     def add_to_states(self, states: IntArray, J: FloatArray, r: FloatArray) -> None:
@@ -97,7 +97,7 @@ class ChainEquations:
         self.gradient[1:] += (after @ r[..., None])[..., 0]
 
     def add_shared(self, states: IntArray, J: FloatArray, columns: IntArray, K: FloatArray, r: FloatArray) -> None:
-        """Add the derivatives K (M,k,c) of residuals with shared unknowns ``columns`` (M,c), which no block has."""
+        """Add the derivatives K (M,k,c) of residuals by shared unknowns ``columns`` (M,c), which are in no block."""
         Kt = K.transpose(0, 2, 1)
         shared = len(self.corner)
         self.add_across(states, J, columns, K)
@@ -105,7 +105,7 @@ class ChainEquations:
         _add_at(self.shared_gradient, columns, (Kt @ r[..., None])[..., 0])
 
     def add_across(self, states: IntArray, J: FloatArray, columns: IntArray, K: FloatArray) -> None:
-        """Add to the border alone, for residuals of two states of which `add_shared` has seen the other."""
+        """Add to the border only: the second state of residuals whose first state was added by `add_shared`."""
         _, size, wide = self.border.shape
         rows = size * states[:, None, None] + np.arange(size)[:, None]
         _add_at(self.border, rows * wide + columns[:, None], J.transpose(0, 2, 1) @ K)
@@ -117,7 +117,7 @@ class ChainEquations:
             damping: Levenberg's and Marquardt's, on the diagonal.
 
         Raises:
-            numpy.linalg.LinAlgError: something is not determined at all.
+            numpy.linalg.LinAlgError: an unknown is not determined.
         """
         pieces, cuts = self._without_pieces(damping)
         at_cuts, y = cuts._solve_whole()
@@ -135,7 +135,7 @@ class ChainEquations:
             damping: as for :meth:`solve`.
 
         Raises:
-            numpy.linalg.LinAlgError: a state, or one of the first unknowns, is not determined at all.
+            numpy.linalg.LinAlgError: a state, or one of the first unknowns, is not determined.
         """
         pieces, cuts = self._without_pieces(damping)
         return EliminatedChain(self.gradient.shape, pieces, cuts, own)
@@ -151,7 +151,7 @@ class ChainEquations:
         return own, across, known[3]
 
     def _border_of(self, states: IntArray) -> FloatArray:
-        """(K,d,m) between some states and all that is shared."""
+        """(K,d,m) between some states and all shared unknowns."""
         if self.blocks is None:
             return np.asarray(self.border[states])
         whole = self.blocks.rows(states, len(self.corner))
@@ -159,7 +159,7 @@ class ChainEquations:
         return whole
 
     def columns_of(self, start: int, end: int) -> tuple[IntArray, int]:
-        """Shared unknowns (c,) that states ``start`` to ``end`` touch, and how many of those are not in blocks."""
+        """Shared unknowns (c,) linked with states ``start`` to ``end``, and the number of them outside blocks."""
         _, size, wide = self.border.shape
         columns = used_columns(self.border[start:end].reshape(size * (end - start), wide))
         if self.blocks is None:
@@ -167,10 +167,10 @@ class ChainEquations:
         return np.concatenate([columns, self.blocks.pattern.columns_of(start, end)[0]]), len(columns)
 
     def put_border(self, start: int, end: int, columns: IntArray, into: FloatArray) -> None:
-        """Write the border of some states into the columns (n d,c) that they touch, which are zero.
+        """Write the border of some states into the zero columns (n d,c) of their shared unknowns.
 
         Args:
-            columns: those that are not in blocks, which come first.
+            columns: the first columns: shared unknowns outside blocks.
         """
         rows = self.border[start:end].reshape(len(into), self.border.shape[2])
         take_columns(rows, columns, into[:, : len(columns)])
@@ -178,7 +178,7 @@ class ChainEquations:
             self.blocks.put(start, end, into[:, len(columns) :])
 
     def _without_pieces(self, damping: float = 0.0) -> tuple[list[_Piece], ChainEquations]:
-        """The pieces between the cuts, and the equations of the cuts alone once those are eliminated."""
+        """The pieces between the cuts, and the equations of the cuts after eliminating the pieces."""
         count, size = self.gradient.shape
         at = slice(PIECE, None, PIECE + 1)
         damped = replace(self, diagonal=_damped(self.diagonal, damping))
@@ -199,7 +199,7 @@ class ChainEquations:
         return pieces, cuts
 
     def _solve_whole(self) -> tuple[FloatArray, FloatArray]:
-        """Steps as of `solve`, without pieces; the corner is used up, since fresh memory of its size takes long."""
+        """Steps as of `solve`, without pieces; overwrites the corner, since allocating its size takes long."""
         count, size = self.gradient.shape
         if count == 0:
             return self.gradient, _solved(self.corner.T, self.shared_gradient)
@@ -219,10 +219,10 @@ class ChainEquations:
         return factor, half
 
     def _covariances_whole(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """(N,d,d) of every state, (N-1,d,d) between each and the next, (N,d,m) and (m,m) with what is shared.
+        """(N,d,d) of every state, (N-1,d,d) between each and the next, (N,d,m) and (m,m) with the shared unknowns.
 
-        The states' own part by the forward and backward sweeps of a smoother (Rauch, Tung and Striebel 1965, in
-        information form), and what the shared unknowns add.
+        The states' own part comes from forward and backward passes of a smoother (Rauch, Tung and Striebel 1965, in
+        information form); the part of the shared unknowns is added.
         """
         (count, size), shared = self.gradient.shape, len(self.corner)
         own, across = _blocks_of_inverse(self.diagonal, self.following)
@@ -242,7 +242,7 @@ class EliminatedChain:
 
     Attributes:
         information: (k,k) of the remaining shared unknowns.
-        gradient: (k,) of those.
+        gradient: (k,) of the remaining shared unknowns.
     """
 
     def __init__(self, shape: tuple[int, ...], pieces: list[_Piece], cuts: ChainEquations, own: int) -> None:
@@ -258,7 +258,7 @@ class EliminatedChain:
         self.gradient: FloatArray = g[own:] - S[own:, :own] @ self._own_alone
 
     def solve(self, kept: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Steps (N,d) of the states and (m,) of all shared unknowns, from those (k,) of the remaining ones."""
+        """Steps (N,d) of the states and (m,) of all shared unknowns, from the steps (k,) of the remaining ones."""
         shared = np.concatenate([self._own_alone - self._own_by_kept @ kept, kept])
         states, size = np.empty(self._shape), self._shape[1]
         at_cuts: FloatArray = np.empty((len(self._cuts.diagonal), size))
@@ -273,12 +273,12 @@ class EliminatedChain:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Some states of the chain between two cuts, eliminated: their matrix A = L L', and E to all that they touch.
+    """Eliminated states between two cuts: their matrix A = L L', and their off-diagonal equations E.
 
     Attributes:
-        states: which.
-        cuts: numbers of the cuts before and after, those that there are.
-        columns: (c,) shared unknowns that the piece has to do with.
+        states: range of the states.
+        cuts: numbers of the existing cuts before and after.
+        columns: (c,) shared unknowns linked with the piece.
         factor: (nd,2d) L, as `factor_chain` stores it.
         whole: (nd,ld+c+1) the inverse of L on E, and on the gradient.
     """
@@ -291,7 +291,7 @@ class _Piece:
 
     @classmethod
     def of(cls, chain: ChainEquations, number: int, states: slice) -> _Piece:
-        """The piece of that number."""
+        """Eliminate the states of piece ``number``."""
         count, size = chain.gradient.shape
         first, end = states.start, states.stop
         columns, own = chain.columns_of(first, end)
@@ -318,15 +318,15 @@ class _Piece:
         """Eliminate the piece from the equations of the cuts.
 
         Args:
-            scratch: as many numbers as the square of all columns and one more; fresh memory for every piece costs
-                more than the product that goes there.
+            scratch: memory for a square matrix of all columns and one more; allocating it for every piece costs
+                more than computing the product.
         """
         wide = self.whole.shape[1]
         S = np.matmul(self.whole.T, self.whole, out=scratch[: wide * wide].reshape(wide, wide))
         subtract_piece(S, int(self.cuts[0]) if len(self.cuts) else 0, len(self.cuts), self.columns, cuts)
 
     def solve(self, at_cuts: FloatArray, shared: FloatArray) -> FloatArray:
-        """(n,d) steps of its states from those of all cuts and of all that is shared."""
+        """(n,d) steps of its states from the steps of all cuts and shared unknowns."""
         z = np.concatenate([at_cuts[self.cuts].ravel(), shared[self.columns]])
         return _backward(self.factor, self.whole[:, -1] - self.half @ z).reshape(-1, at_cuts.shape[1])
 
@@ -339,7 +339,7 @@ class _Piece:
         all_own: FloatArray,
         all_across: FloatArray,
     ) -> None:
-        """Put its states' blocks into those of all, from those of the cuts."""
+        """Write the covariance blocks of its states into the full result, from the covariances of the cuts."""
         size = own.shape[1]
         inner, count = size * len(self.cuts), len(self.cuts)
         C = np.empty((self.half.shape[1], self.half.shape[1]))
@@ -369,14 +369,14 @@ class _Piece:
 
 
 def _damped(matrices: FloatArray, damping: float) -> FloatArray:
-    """A copy of matrices (N,d,d) with their diagonals enlarged by a share."""
+    """A copy of matrices (N,d,d) with their diagonals multiplied by 1 + damping."""
     copy, k = matrices.copy(), np.arange(matrices.shape[1])
     copy[:, k, k] *= 1 + damping
     return copy
 
 
 def _solved(S: FloatArray, g: FloatArray) -> FloatArray:
-    """The inverse of S on g, of the lower triangle of S; S, with columns in a row, is used up."""
+    """The inverse of S times g, from the lower triangle of S; overwrites S, which is stored by columns."""
     if not len(g):
         return g
     factor = cho_factor(S, lower=True, overwrite_a=True, check_finite=False)
@@ -384,7 +384,7 @@ def _solved(S: FloatArray, g: FloatArray) -> FloatArray:
 
 
 def _inverse(S: FloatArray) -> FloatArray:
-    """Inverse of a symmetric matrix; half the work where it is positive definite."""
+    """Inverse of a symmetric matrix; half the work if it is positive definite."""
     factor, failed = dpotrf(S.T, lower=False)
     if failed:
         inverse = np.linalg.inv(S)
@@ -396,14 +396,14 @@ def _inverse(S: FloatArray) -> FloatArray:
 
 
 def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:
-    """The inverse of the transposed factor on ``right`` (N d,) or (N d,w)."""
+    """The inverse of the transposed factor times ``right`` (N d,) or (N d,w)."""
     solved = np.array(right, order="C").reshape(len(right), -1)
     backward_chain(factor, solved)
     return solved.reshape(right.shape)
 
 
 def _add_at(array: FloatArray, places: IntArray, values: FloatArray) -> None:
-    """Add to an array, by places in it as a flat one: numpy does that far faster than by several indices."""
+    """Add to an array at flat indices, which is much faster in numpy than several indices."""
     np.add.at(array.reshape(-1), places.ravel(), values.ravel())
 
 

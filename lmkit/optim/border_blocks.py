@@ -1,4 +1,4 @@
-"""Blocks of a chain's border: the few shared unknowns that each state touches, where there are many in all."""
+"""Sparse border of a chain: blocks for the few of many shared unknowns that are linked with each state."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from lmkit.kernels.block_chain import put_blocks
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Which groups of shared unknowns each state touches.
+    """Groups of shared unknowns linked with each state.
 
     Attributes:
         states, groups: (B,) of every block, by state and then by group.
-        count: states in all.
+        count: number of states.
         first, size: first unknown of group 0, and unknowns of a group.
     """
 
@@ -46,7 +46,7 @@ class BlockPattern:
         return slice(int(self._starts[start]), int(self._starts[end]))
 
     def columns_of(self, start: int, end: int) -> tuple[IntArray, IntArray]:
-        """Unknowns (c,) of the groups that states ``start`` to ``end`` touch, and each block's place among those."""
+        """Unknowns (c,) of the groups linked with states ``start`` to ``end``, and each block's index among them."""
         if (start, end) not in self._columns:
             groups, place = np.unique(self.groups[self.blocks_of(start, end)], return_inverse=True)
             columns = self.first + (self.size * groups[:, None] + np.arange(self.size)).ravel()
@@ -60,7 +60,7 @@ class BorderBlocks:
 
     Attributes:
         values: (B,d,size) of every block.
-        pattern: whose they are.
+        pattern: state and group of every block.
     """
 
     values: FloatArray
@@ -68,17 +68,17 @@ class BorderBlocks:
 
     @classmethod
     def zeros(cls, pattern: BlockPattern, size: int) -> BorderBlocks:
-        """Nothing known yet, of states of ``size`` numbers."""
+        """Blocks without information, for states of ``size`` numbers."""
         return cls(np.zeros((len(pattern.states), size, pattern.size)), pattern)
 
     def put(self, start: int, end: int, into: FloatArray) -> None:
-        """Write the blocks of states ``start`` to ``end`` into the columns (n d,c) that they touch, now zero."""
+        """Write the blocks of states ``start`` to ``end`` into the zero columns (n d,c) of their groups."""
         blocks = self.pattern.blocks_of(start, end)
         place = self.pattern.columns_of(start, end)[1]
         put_blocks(self.values[blocks], self.pattern.states[blocks] - start, place, into)
 
     def rows(self, states: IntArray, shared: int) -> FloatArray:
-        """(K,d,shared) border of some states, all zeros written down."""
+        """(K,d,shared) dense border of some states."""
         pattern, size = self.pattern, self.values.shape[1]
         number = np.full(pattern.count, -1)
         number[states] = np.arange(len(states))

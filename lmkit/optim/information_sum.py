@@ -1,4 +1,4 @@
-"""`InformationSum`: normal equations of many recordings in the landmarks that they share, summed and solved."""
+"""`InformationSum`: summed normal equations of many recordings in their common landmarks, and their solution."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy.linalg import cho_factor, cho_solve
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.optim.nested_dissection import solve_by_dissection
 
-MOST_PENDING = 20_000_000  # entries that wait to be summed; bounds the memory however many recordings there are
-DENSE_BELOW = 3000  # unknowns: a dense factorization is the faster one up to about there
+MOST_PENDING = 20_000_000  # entries not yet summed; bounds the memory for any number of recordings
+DENSE_BELOW = 3000  # unknowns: a dense factorization is faster up to about this number
 
 
 class InformationSum:
-    """Normal equations of many recordings in the landmarks that they share.
+    """Normal equations of many recordings in their common landmarks.
 
-    Where there are many landmarks, only blocks of those that one recording has seen together are held.
+    With many landmarks, only blocks of landmarks in the same recording are stored.
 
     Args:
         count: number of landmarks.
@@ -36,7 +36,7 @@ class InformationSum:
         self.count, self.size = count, size
         self.b = np.zeros(count * size)
         self._dense = np.zeros((len(self.b), len(self.b))) if len(self.b) < DENSE_BELOW else None
-        # Blocks of the upper triangle, by row * count + column; the first of the lists is summed.
+        # Blocks of the upper triangle by row * count + column; the first item of the lists is already summed.
         self._keys: list[IntArray] = [np.zeros(0, dtype=np.int64)]
         self._blocks: list[FloatArray] = [np.zeros((0, size, size))]
 
@@ -44,7 +44,7 @@ class InformationSum:
         """Add one recording's information.
 
         Args:
-            rows: (L,) which landmarks of the sum its landmarks are, each at most once.
+            rows: (L,) indices in the sum of the recording's landmarks, each at most once.
             H, b: (dL,dL), (dL,).
         """
         columns = unknowns_of(rows, self.size)
@@ -100,5 +100,5 @@ class InformationSum:
 
 
 def unknowns_of(rows: IntArray | Sequence[int], size: int) -> IntArray:
-    """(dL,) places of landmarks' unknowns among all."""
+    """(dL,) indices of landmarks' unknowns."""
     return np.asarray((size * np.asarray(rows, dtype=np.int64)[:, None] + np.arange(size)).ravel())

@@ -1,7 +1,7 @@
 """The damped Gauss-Newton loop of all solvers (Levenberg 1944, Marquardt 1963).
 
-A problem says how to linearize its cost at a state, how to solve for a step, and how to move a state by a step;
-states and steps are whatever suits it.  Weights of a robust loss are renewed with every linearization.
+A problem linearizes its cost at a state, solves for a step, and moves a state by a step;
+states and steps have any type.  Weights of a robust loss are recomputed at every linearization.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ class LeastSquares(Protocol[State, Equations, Step]):
     """A nonlinear least squares problem."""
 
     def linearize(self, state: State) -> tuple[Equations, float]:
-        """Normal equations at a state, and its cost; an infinite cost refuses the state."""
+        """Normal equations at a state, and its cost; an infinite cost rejects the state."""
         ...
 
     def solve(self, equations: Equations, damping: float) -> Step:
         """The step of the damped equations.
 
         Raises:
-            numpy.linalg.LinAlgError: they do not determine it.
+            numpy.linalg.LinAlgError: the equations do not determine the step.
         """
         ...
 
@@ -39,7 +39,7 @@ class LeastSquares(Protocol[State, Equations, Step]):
 
 @dataclass(frozen=True)
 class Damping:
-    """How the damping follows success and failure.
+    """Rule for the damping after successful and failed steps.
 
     Attributes:
         start: of the first step, as a share of the diagonal.
@@ -63,7 +63,7 @@ class Iterate(Generic[State, Equations]):
     Attributes:
         state, equations, cost: the best state so far, linearized.
         damping: of the next step.
-        gain: by how much the last step lowered the cost; None where it was refused.
+        gain: decrease of the cost by the last step; None if the step was rejected.
     """
 
     state: State
@@ -83,7 +83,7 @@ def start_at(
 def try_step(
     problem: LeastSquares[State, Equations, Step], now: Iterate[State, Equations], rule: Damping
 ) -> Iterate[State, Equations]:
-    """Try one damped step; the iterate keeps its state, with more damping, where the step does not lower the cost."""
+    """Try one damped step; if it does not lower the cost, the iterate keeps its state, with more damping."""
     grown = max(now.damping * rule.grow, rule.first_grown)
     try:
         state = problem.retract(now.state, problem.solve(now.equations, now.damping))
@@ -107,10 +107,10 @@ def minimize(
     """Minimize from a start.
 
     Args:
-        steps: at most so many are tried.
+        steps: largest number of tried steps.
         least_gain, least_share: a step that lowers the cost by less than this, or less than this share of it, is the
             last one.
-        until: a state that needs no further step.
+        until: whether a state needs no further step.
     """
     rule = rule or Damping()
     now = start_at(problem, state, rule.start)
@@ -132,18 +132,18 @@ def minimize_rescaled(
     rule: Damping,
     most_tried: int = 8,
 ) -> tuple[State, float]:
-    """Minimize a robust cost whose scale is renewed after every step that was taken.
+    """Minimize a robust cost whose scale is recomputed after every accepted step.
 
-    Costs compare only within one scale, so each step is a problem of its own.
+    Costs are comparable only at the same scale, so each step is a separate problem.
 
     Args:
-        problem_at: the problem with its scale held.
+        problem_at: the problem at a fixed scale.
         scale_of: the robust scale of a state's residuals.
         state: the start.
-        steps: at most so many are taken.
+        steps: largest number of accepted steps.
         least_share: a step that lowers the cost by less than this share of it is the last one.
-        rule: how the damping follows.
-        most_tried: with ever more damping, before the state is called converged.
+        rule: rule for the damping.
+        most_tried: tries with increasing damping, after which the state counts as converged.
 
     Returns:
         The state and its scale.

@@ -1,8 +1,8 @@
 """Large sparse normal equations by nested dissection (George 1973) and dense fronts (Duff and Reid 1983).
 
-The unknowns come in nodes of equal size, such as landmarks.  A separator, a set of nodes without which the rest falls
-apart, is eliminated after what it separates, and so on in each part.  Every separator is then one dense matrix, its
-front, with the nodes that it shares an equation with and that are eliminated later.
+Unknowns are grouped in nodes of equal size, such as landmarks.  A separator is a set of nodes whose removal splits
+the graph; it is eliminated after both parts, which are split in turn.  Each separator gives one dense matrix, its
+front, with the later eliminated nodes that share equations with it.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from lmkit.arrays import BoolArray, FloatArray, IntArray
 
-LEAF = 32  # nodes that are eliminated as they are
-BALANCE = 0.25  # each part of a cut has at least this share of the nodes, where that can be
+LEAF = 32  # parts of up to this many nodes are not split
+BALANCE = 0.25  # each part of a cut has at least this share of the nodes, if possible
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +26,9 @@ class Front:
     """One step of the elimination.
 
     Attributes:
-        own: (O,) nodes that it eliminates.
-        boundary: (B,) nodes eliminated later that these share equations with, in the order of the nodes.
-        children: fronts, by number, whose remainders enter.
+        own: (O,) nodes eliminated in this step.
+        boundary: (B,) nodes that share equations with them and are eliminated later, in the order of the nodes.
+        children: numbers of the fronts whose Schur complements are added.
     """
 
     own: IntArray
@@ -94,7 +94,7 @@ def dissect(graph: sparse.csr_matrix) -> list[Front]:
 
 
 def _separate(graph: sparse.csr_matrix, nodes: IntArray, steps: list[tuple[IntArray, tuple[int, ...]]]) -> int:
-    """Add the steps that eliminate ``nodes``; the number of the last one."""
+    """Add the steps that eliminate ``nodes``; returns the number of the last step."""
     if len(nodes) <= LEAF:
         return _added(steps, nodes, ())
     part = graph[nodes][:, nodes]
@@ -127,7 +127,7 @@ def _cut(graph: sparse.csr_matrix) -> tuple[BoolArray, BoolArray, BoolArray]:
     balanced = np.minimum(below, above) >= BALANCE * (len(level) - counts)
     candidates = np.flatnonzero(balanced) if balanced.any() else np.array([np.minimum(below, above).argmax()])
     chosen = candidates[counts[candidates].argmin()]
-    # Of the level, only what touches the other side separates.
+    # Only nodes of the level with neighbors on the other side are in the separator.
     touches = np.asarray(graph[:, level > chosen].sum(axis=1)).ravel() > 0
     separator = (level == chosen) & touches
     return separator, (level <= chosen) & ~separator, level > chosen
@@ -142,7 +142,7 @@ def _factorize(
     enters = np.minimum(turn[pairs[0]], turn[pairs[1]])
     order = np.argsort(enters, kind="stable")
     ends = np.searchsorted(enters[order], np.arange(len(fronts) + 1))
-    place = np.zeros(count, dtype=np.int64)  # of a node in the front at hand
+    place = np.zeros(count, dtype=np.int64)  # of a node in the current front
     remainders: dict[int, FloatArray] = {}
     factors = []
     for number, front in enumerate(fronts):

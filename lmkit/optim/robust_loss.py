@@ -1,7 +1,7 @@
 """The robust loss of all solvers: Cauchy's, by its scale in standard deviations.
 
-An error of squared size s costs ``scale^2 log(1 + s / scale^2)``: s for small errors, and hardly more for larger ones
-beyond the scale.  Iteratively reweighted least squares multiplies its squared error by the weight (Holland and Welsch
+An error of squared size s costs ``scale^2 log(1 + s / scale^2)``: s for small errors, growing slowly for errors far
+beyond the scale.  Iteratively reweighted least squares multiplies the squared error by a weight (Holland and Welsch
 1977; Triggs et al. 2000, section 4.3).
 """
 

@@ -1,4 +1,4 @@
-"""Annotated copies of images and videos, written as they come."""
+"""Annotated copies of images and videos, written one by one."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ from lmkit.io.image_sources import VIDEO_SUFFIXES
 from lmkit.io.images import SUFFIXES
 from lmkit.visualization.overlay import encode_jpeg
 
-OTHERS = frozenset({".csv", ".json", ".yaml", ".yml", ".html", ".pdf", ".svg", ".tum"})  # of the other outputs
+OTHERS = frozenset(
+    {".csv", ".json", ".yaml", ".yml", ".html", ".pdf", ".svg", ".tum"}
+)  # suffixes of the other outputs
 FPS = 15.0  # of videos that do not state their rate
 FASTEST_FPS = 120.0
-VARIES = 1.25  # longest interval over that of the stated rate
-RATE_FRAMES = 100  # of a video, whose times tell its highest rate
+VARIES = 1.25  # longest interval over the interval of the stated rate
+RATE_FRAMES = 100  # first frames of a video, whose times give its highest rate
 
 
 def require_folder_name(folder: Path, videos: bool) -> None:
-    """Refuse a folder that is named as a file.
+    """Refuse a folder with the name of a file.
 
     Args:
-        videos: the name may be that of the one video that is written.
+        videos: the name may also be the file name of a single output video.
 
     Raises:
-        InputError: it has the suffix of another output, of an image, or of a video that is not written.
+        InputError: it has the suffix of another output, of an image, or of an unsupported video format.
     """
     written = {".mp4"} if videos else set()
     if folder.suffix.lower() in (SUFFIXES | VIDEO_SUFFIXES | OTHERS) - written and not folder.is_dir():
@@ -45,11 +47,11 @@ def require_folder_name(folder: Path, videos: bool) -> None:
 class AnnotatedFolder:
     """Writes ``NAME.jpg`` for images, and ``NAME.mp4`` for the frames of a video; a context manager.
 
-    A video is moved into place when it is complete, and removed if an error ends it. It has one rate: where the times
-    of the source's frames vary, a frame is repeated until the next one's time.
+    A video is moved into place when it is complete, and removed after an error. It has a constant rate: if the times
+    of the source's frames vary, a frame is repeated until the time of the next frame.
 
     Args:
-        folder: where to write; a name that ends in .mp4 is that of the file, for one video.
+        folder: output folder; for a single video also a file name with suffix .mp4.
         force: overwrite existing files.
         videos: sources may be videos.
     """
@@ -61,7 +63,7 @@ class AnnotatedFolder:
         self._folder, self._force = folder.parent if is_file else folder, force
         self._written: list[Path] = []
         self._video: cv2.VideoWriter | None = None
-        self._shown: ByteArray | None = None  # the last frame, which lasts until the time of the next one
+        self._shown: ByteArray | None = None  # the last frame, repeated until the time of the next one
         self._rate, self._first_s, self._count = FPS, 0.0, 0
         self._source = ""
         self._partial = self._target = Path()
@@ -102,7 +104,7 @@ class AnnotatedFolder:
         self._written.append(target)
 
     def _require_room_for(self, source: str) -> None:
-        """Refuse images, and more than one video, where the one file of a video is to be written."""
+        """Refuse images and a second video if the output is a single video file."""
         if self._file is None or (Path(source).suffix.lower() in VIDEO_SUFFIXES and not self._written):
             return
         raise InputError(
@@ -170,7 +172,7 @@ class AnnotatedFolder:
 
 
 def _highest_rate(source: str) -> float:
-    """Frames a second of a video; where the times of its frames vary, as if all were as close as the closest two."""
+    """Frames per second of a video; if its frame times vary, the rate of the shortest interval."""
     capture = cv2.VideoCapture(source)
     stated = capture.get(cv2.CAP_PROP_FPS)
     stated = stated if stated > 0 else FPS

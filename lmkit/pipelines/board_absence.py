@@ -12,12 +12,12 @@ from lmkit.model.board import BoardSpec
 from lmkit.pipelines.board_views import checked_board
 
 DARK = 45.0  # mean value of an image that is too dark
-AT_EDGE = 1.6  # squares between the outermost corner and the image's edge, where a board is cut off
+AT_EDGE = 1.6  # squares: a board is cut off if its outermost corner is closer to the image's edge
 SHOW = "show the whole board with its white rim"
 
 
 def explain_absence(image: ByteArray, board: BoardSpec) -> str:
-    """One sentence about why the board is not found, with what to do about it.
+    """One sentence with the reason why the board is not found, and advice.
 
     Args:
         image: (H,W,3) BGR, in which `detect_board` finds nothing.

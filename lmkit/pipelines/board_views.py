@@ -1,4 +1,4 @@
-"""Images of a calibration board -> its corners, pair by pair."""
+"""Corners of a calibration board in images, pair by pair."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class BoardPairs:
         rejected: (pair, reason) of the others.
         files: (left, right) file of every pair by name.
         image_size: (width, height) of the left images.
-        board: as specified, or with the other ChArUco layout if that is what the images show.
+        board: as specified, or with the other ChArUco layout if the images show that layout.
         right_size: (width, height) of the right images.
     """
 
@@ -54,7 +54,7 @@ def find_board_pairs(
 
     Args:
         files: left and right image of every pair.
-        on_pair: called after every pair how many are done, of how many.
+        on_pair: called after every pair with the number of finished pairs and of all pairs.
 
     Raises:
         InputError: one camera's images differ in size, one is unreadable, or they show another board.
@@ -83,12 +83,12 @@ def find_board_pairs(
 
 
 def mapped_for(board: BoardSpec) -> Callable[..., Generator[Any, None, None]]:
-    """How images of a board are spread over cores: chessboards in threads, since OpenCV does most of the work."""
+    """Parallel map for images of a board: threads for chessboards, since OpenCV does most of the work."""
     return map_in_threads if board.kind == "chessboard" else map_in_processes
 
 
 def require_same_size(name: str, here: tuple[int, int], size: tuple[int, int]) -> None:
-    """Refuse an image that has not the (width, height) of the images before it.
+    """Refuse an image whose (width, height) differs from the previous images.
 
     Raises:
         InputError: the sizes differ.
@@ -102,14 +102,14 @@ def require_same_size(name: str, here: tuple[int, int], size: tuple[int, int]) -
 
 
 def checked_board(images: Sequence[ByteArray], board: BoardSpec) -> BoardSpec:
-    """The board as specified, or with the other ChArUco layout if that is what the images show.
+    """The board as specified, or with the other ChArUco layout if the images show that layout.
 
     Raises:
         InputError: they show another board.
     """
     other = likelier_board(images, board)
     if other is None:
-        # Other kinds take seconds to look for, the right board is mostly in the first image.
+        # Searching for other kinds takes seconds; usually the first image shows the right board.
         if not board.is_grid and not any(detect_board(image, board) for image in images):
             shown = shown_instead(images, board.dictionary)
             if shown is not None:

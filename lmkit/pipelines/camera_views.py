@@ -1,4 +1,4 @@
-"""Images of a calibration board -> its corners, camera by camera; of videos the sharp, still and new frames."""
+"""Corners of a calibration board, camera by camera, in images or in sharp, still, new frames of videos."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lmkit.model.observation import BoardObservation, PairView
 from lmkit.pipelines.board_views import SPEC_CHECK_IMAGES, checked_board, mapped_for, require_same_size
 from lmkit.pipelines.still_frames import StillFrames, still_frames
 
-VIDEO_CHECK_FRAMES = 20  # of a video, looked at for another board than the one specified
+VIDEO_CHECK_FRAMES = 20  # of a video, searched for another board than specified
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class CameraViews:
 
     Attributes:
         views: (name, corners) of those images.
-        rejected: (image, reason) of the others; of a video frames that were passed over are not listed.
+        rejected: (image, reason) of the others; skipped frames of a video are not listed.
         image_size: (width, height).
-        board: as specified, or with the other ChArUco layout if that is what the images show.
+        board: as specified, or with the other ChArUco layout if the images show that layout.
     """
 
     views: tuple[tuple[str, BoardObservation], ...]
@@ -47,7 +47,7 @@ def find_board_images(
     """Find the board in a folder, glob or video of one camera.
 
     Args:
-        on_image: called after every image how many are done, of how many (0: unknown).
+        on_image: called after every image with the number of finished images and of all images (0: unknown).
 
     Raises:
         InputError: no images, images of different sizes, an unreadable image, or another board than specified.
@@ -76,11 +76,11 @@ def find_board_videos(
 ) -> list[CameraViews]:
     """Find the board in videos of one or more cameras, in the sharp and still frames that show a new view.
 
-    Frames count for all cameras that see the board sharp if the view is new to one of them; views of frames that
+    A frame is kept for all cameras with a sharp board if the view is new for one of them; views of frames that
     belong together have one name.
 
     Args:
-        on_image: called now and then with how many frames are done, of how many (0: unknown).
+        on_image: called occasionally with the number of finished frames and of all frames (0: unknown).
 
     Raises:
         InputError: frames of different sizes, an unreadable video, or another board than specified.
@@ -88,7 +88,7 @@ def find_board_videos(
     total = frame_count(sources[:1]) or 0
     sizes: list[tuple[int, int]] = []
     guides: list[CaptureGuide] = []
-    checked: list[ByteArray] | None = []  # frames to tell the board by; None once that is done
+    checked: list[ByteArray] | None = []  # frames for the check of the board; None after the check
     kept: list[list[tuple[str, BoardObservation]]] = [[] for _ in sources]
     for still in still_frames(frame_groups(sources)):
         images = [frame.pixels for frame in still.frames]
@@ -117,7 +117,7 @@ def find_board_videos(
 
 
 def _before(still: StillFrames, camera: int, board: BoardSpec) -> PairView | None:
-    """The board just before."""
+    """The board in the previous frame."""
     if still.before is None:
         return None
     seen = detect_board(still.before[camera].pixels, board)

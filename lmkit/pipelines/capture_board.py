@@ -1,4 +1,4 @@
-"""Taking images for a calibration: frames in, kept pairs out, with what to show next."""
+"""Image capture for a calibration: selects pairs of frames, and proposes the next view."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lmkit.model.observation import BoardObservation, PairView
 from lmkit.pipelines.board_views import checked_board, find_board_pairs, pair_view, require_same_size
 from lmkit.pipelines.still_frames import StillFrames, still_frames
 
-LONG_IN_VAIN = 50  # frames without the board, before another one is thought of
+LONG_IN_VAIN = 50  # frames without the board, after which another board is searched for
 ImagePair = tuple[ByteArray, ByteArray]
 
 
@@ -50,15 +50,15 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """One pair of frames, judged.
+    """One pair of frames with its judgment.
 
     Attributes:
-        judgment: what became of it.
+        judgment: whether the pair was kept, or the reason why not.
         left, right: the images.
-        found: all that is kept so far.
-        coverage: what that shows, and what is missing.
-        ghost: camera (0 left, 1 right) and outline (4,2), pixels, of the board where it is wanted next.
-        done: number of frames that are done; of a video not all are looked at.
+        found: all pairs kept so far.
+        coverage: coverage of the kept pairs, and the missing views.
+        ghost: camera (0 left, 1 right) and outline (4,2), pixels, of the board in the wanted next view.
+        done: number of processed frames; skipped frames of a video included.
     """
 
     judgment: Judgment
@@ -73,11 +73,11 @@ class Looked:
 def look_at_frames(
     pairs: Iterable[tuple[Frame, Frame]], board: BoardSpec, moving: bool, until_complete: bool = True
 ) -> Iterator[Looked]:
-    """Judge pair after pair until the views are complete; of videos the stillest of every fifth of a second.
+    """Judge pair after pair until the views are complete; in videos only the stillest frame of every 0.2 s.
 
     Args:
         moving: see :class:`lmkit.calibration.capture_guide.CaptureGuide`.
-        until_complete: end when the views are complete; False for a caller that has a condition of its own.
+        until_complete: end when the views are complete; False for a caller with its own condition.
 
     Raises:
         InputError: an image that cannot be read, one camera's images of different sizes, or of another board.
@@ -98,7 +98,7 @@ def look_at_frames(
         name = f"{len(guide.views) + 1:03d}" if moving else Path(one.name).stem
         in_left = looking.detect(left)
         board = looking.board
-        # A camera that sees no board saves the other the trouble.
+        # Without a board in one camera, the other image is not searched.
         in_right = None if in_left is None else detect_board(right, board)
         view = pair_view(name, in_left, in_right, board)
         before = None if still.before is None else partial(_view_before, still.before, board)
@@ -121,7 +121,7 @@ def _view_before(frames: Sequence[Frame], board: BoardSpec) -> PairView | None:
 
 
 class _SpecCheck:
-    """Looks for the board, and once, as soon as it shows or when it never does, whether another one is meant."""
+    """Detects the board, and checks once, at the first detection or at the end, for another board."""
 
     def __init__(self, board: BoardSpec) -> None:
         self.board = board
@@ -156,7 +156,7 @@ def find_in_files(
 
     Args:
         left, right: folders or globs, paired by sorted name.
-        on_pair: called with the number of pairs done, and of how many.
+        on_pair: called with the number of finished pairs and of all pairs.
 
     Raises:
         InputError: no pairs, an unreadable image, or another board.

@@ -19,13 +19,13 @@ from lmkit.parallel import map_in_processes
 
 @dataclass(frozen=True)
 class Detected:
-    """The landmarks of one image, or why it could not be read.
+    """The landmarks of one image, or the reason why it could not be read.
 
     Attributes:
         name: path, or ``VIDEO#N`` for frame N of a video.
-        size: (width, height), or None where it could not be read.
+        size: (width, height), or None if the image could not be read.
         colorless: a gray image; landmarks are distinguished from other squares by their colors.
-        image: the pixels, of video frames and of ``-``, where they were asked for.
+        image: the pixels of video frames and of ``-``, if requested.
         time_s: time in its video, or the time that its file name ends in.
     """
 
@@ -74,7 +74,7 @@ def _detect_frame(options: DetectOptions, with_images: bool, frame: Frame) -> De
 
 
 def detected_dict(answer: Detected) -> dict[str, Any]:
-    """One image's answer as docs/formats.md has it."""
+    """The JSON result of one image (docs/formats.md)."""
     if answer.size is None:
         assert answer.error is not None
         return {"image": answer.name, "error": answer.error.as_dict()}
@@ -85,7 +85,7 @@ def detected_dict(answer: Detected) -> dict[str, Any]:
 
 
 def detected_line(answer: Detected) -> str:
-    """One image's answer as a line of text."""
+    """The result of one image as a line of text."""
     codes = ", ".join(f"{d.code} ({d.confidence:.2f})" for d in answer.landmarks) or "none"
     return f"{answer.name}: {codes}"
 
@@ -105,5 +105,5 @@ def detected_rows(answer: Detected) -> list[str]:
 
 
 def quoted_cell(text: str) -> str:
-    """A cell of a CSV table, quoted where it has to be."""
+    """A cell of a CSV table, quoted if necessary."""
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n') else text

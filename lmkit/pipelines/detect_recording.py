@@ -23,7 +23,7 @@ from lmkit.model.recording import Odometry, Recording, RigFrame
 from lmkit.model.trajectory import Trajectory
 from lmkit.parallel import map_in_processes
 
-TOGETHER_S = 1e-3  # stamps nearer to each other are of one time, rounded
+TOGETHER_S = 1e-3  # stamps with smaller differences are the same time, rounded
 
 
 def see_drive(
@@ -32,7 +32,7 @@ def see_drive(
     """Every frame of folders, globs or videos, one source per camera, in the order of their names.
 
     Args:
-        hz: frames a second; None: the names end in seconds, or the videos have times.
+        hz: frames per second; None: the names end in seconds, or the videos have times.
 
     Raises:
         InputError: the sources do not go together, an image cannot be read, or times are missing or do not increase.
@@ -56,7 +56,7 @@ def see_drive(
 
 
 def _stamps(times_s: Sequence[float | None], hz: float | None) -> tuple[float, ...]:
-    """Times of the images of all cameras, where each has its own; else none."""
+    """Times of the images of all cameras if every image has one and they differ; else none."""
     known = [time_s for time_s in times_s if time_s is not None]
     if hz or len(known) < len(times_s) or max(known) - min(known) < TOGETHER_S:
         return ()
@@ -95,11 +95,11 @@ POSES = (".tum", ".txt")  # suffixes of odometry in space
 
 @dataclass(frozen=True, eq=False)
 class OpenRecording:
-    """A recording whose frames are detected one after the other, as they are asked for.
+    """A recording whose frames are detected one by one during iteration.
 
     Attributes:
-        frames: in the order of time; can be gone through once.
-        total: how many frames there are; 0 where that is not known.
+        frames: in the order of time; can be iterated once.
+        total: number of frames; 0 if unknown.
         rest: readings, odometry and gyro.
     """
 
@@ -111,7 +111,7 @@ class OpenRecording:
         """The whole recording.
 
         Args:
-            on_frame: called with the number of frames done, and of how many.
+            on_frame: called with the number of finished frames and of all frames.
 
         Raises:
             InputError: a file cannot be read.
@@ -137,7 +137,7 @@ def open_recording(
     """A recording from its files: images, or saved detections, or readings; odometry and gyro.
 
     Args:
-        families: names; of images those that lmkit detects, of saved detections and readings any.
+        families: names; for images only families that lmkit detects, for saved detections and readings any.
 
     Raises:
         InputError: not exactly one of images, detections and readings is given; images without a rig; a gyro without

@@ -1,4 +1,4 @@
-"""Landmarks in stereo pairs, as views of one board each: what an ordinary drive says about a calibration."""
+"""Landmarks in stereo pairs as views of small boards, to check a calibration with an ordinary recording."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def find_landmark_pairs(
     family: MarkerFamily,
     on_pair: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[FloatArray, list[PairView]]:
-    """(4,3) corners of a landmark of its nominal size, and a view for each that both cameras of a pair read.
+    """(4,3) corners of a landmark of nominal size, and one view per landmark that both cameras of a pair read.
 
-    Of a landmark of another size only the distance comes out wrong, not how the cameras' rows match.
+    For a landmark of another size only the distance is wrong, not the row error between the cameras.
 
     Raises:
         InputError: an image cannot be read.
@@ -80,14 +80,14 @@ def recorded_landmark_pairs(
 
 
 def _views(name: str, left: Sequence[Detection], right: Sequence[Detection]) -> list[tuple[LandmarkId, PairView]]:
-    """Landmarks that both images show once."""
+    """Landmarks detected exactly once in both images."""
     in_left, in_right = _once(left), _once(right)
     both = sorted(in_left.keys() & in_right.keys())
     return [(id_, _view(f"{name} code {id_.code}", in_left[id_], in_right[id_])) for id_ in both]
 
 
 def _once(seen: Sequence[Detection]) -> dict[LandmarkId, Detection]:
-    """Detections by id, without those that are there twice."""
+    """Detections by id, without ids detected twice."""
     count = Counter(o.id for o in seen)
     return {o.id: o for o in seen if count[o.id] == 1}
 

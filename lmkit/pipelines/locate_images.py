@@ -35,10 +35,10 @@ class Located:
 
     Attributes:
         names: of the images, in the order of the rig's cameras.
-        estimate: the pose, or None where an image could not be read.
+        estimate: the pose, or None if an image could not be read.
         seen: landmarks of every image.
-        image: the first image, of videos and cameras alone (files can be read again).
-        error: why there is no estimate.
+        image: the first image, only for videos and cameras (files can be read again).
+        error: reason why there is no estimate.
         time_s: time in the video, or the time that the first file's name ends in.
     """
 
@@ -56,7 +56,7 @@ class Located:
 
 
 def with_times(frames: Iterable[Located], hz: float | None) -> Iterator[Located]:
-    """The frames; those without a time get the one that a steady rate gives, from 0 on."""
+    """The frames; with ``hz``, frames without a time get their number divided by ``hz``."""
     for number, frame in enumerate(frames):
         yield frame if hz is None or frame.time_s is not None else replace(frame, time_s=number / hz)
 
@@ -108,10 +108,10 @@ def _locate_frames(frames: Sequence[Frame], rig: AnyRig, landmarks: LandmarkMap,
 
 
 def located_dict(located: Located, rig: AnyRig, frame: str) -> dict[str, Any]:
-    """One answer as docs/formats.md has it.
+    """The JSON result of one frame (docs/formats.md).
 
     Args:
-        frame: ``camera`` (the first one) or ``base``: whose pose is given.
+        frame: ``camera`` (the first one) or ``base``, whose pose is written.
     """
     right = located.names[1] if len(located.names) == 2 else None
     names = {"left": located.left, "right": right, "images": list(located.names)}
@@ -122,7 +122,7 @@ def located_dict(located: Located, rig: AnyRig, frame: str) -> dict[str, Any]:
 
 
 def located_line(located: Located, rig: AnyRig, frame: str) -> str:
-    """One answer as a line of text."""
+    """The result of one frame as a line of text."""
     assert located.estimate is not None
     estimate, name = located.estimate, Path(located.left).name
     answer = located_dict(located, rig, frame)

@@ -1,4 +1,4 @@
-"""Files that `lmkit locate` writes besides its answers: a trajectory, a table, a plan view, annotated images."""
+"""Files that `lmkit locate` writes besides its results: a trajectory, a table, a plan view, annotated images."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ MOST_NAMED = 5
 
 @dataclass
 class LocateResults:
-    """Collects answers, and makes files of them; a context manager, since annotated videos have an end.
+    """Collects results and writes them to files; a context manager, which completes annotated videos.
 
     Attributes:
-        rig, landmarks: as located with.
-        frame: ``camera`` (the first one) or ``base``: whose poses are written.
+        rig, landmarks: rig and map of the localization.
+        frame: ``camera`` (the first one) or ``base``, whose poses are written.
         annotate: folder for annotated left images, or None.
         force: overwrite existing files.
     """
@@ -59,7 +59,7 @@ class LocateResults:
         self._stack.__exit__(kind, error, at)
 
     def add(self, located: Located) -> None:
-        """Collect one answer; its image is drawn at once and not kept."""
+        """Add one result; its image is drawn immediately and not stored."""
         if self._annotated is not None and located.estimate is not None:
             image = read_image(Path(located.left)) if located.image is None else located.image
             seen = located.seen[0]
@@ -71,17 +71,17 @@ class LocateResults:
 
     @property
     def located(self) -> int:
-        """How many have a pose."""
+        """Number of results with a pose."""
         return sum(a.estimate is not None and a.estimate.T_map_camera is not None for a in self.answers)
 
     @property
     def timed(self) -> bool:
-        """Is the time of every frame known?"""
+        """Whether the time of every frame is known."""
         return all(a.time_s is not None for a in self.answers if a.estimate is not None)
 
     @property
     def swapped(self) -> bool:
-        """Is there a pair whose left and right image are swapped?"""
+        """Whether the left and right image of a pair are swapped."""
         return any(a.estimate is not None and a.estimate.status == PoseStatus.SWAPPED for a in self.answers)
 
     @property
@@ -95,7 +95,7 @@ class LocateResults:
 
     @property
     def contradicted_map(self) -> str | None:
-        """Warning where half of the frames that could agree with the map, or more, contradict it."""
+        """Warning if at least half of the frames that can be compared with the map contradict it."""
         telling = [e for a in self.answers if (e := a.estimate) is not None and len(e.inliers) + len(e.outliers) > 1]
         of_rig = rig_warnings(self.rig, "the rig")
         causes = [
@@ -112,7 +112,7 @@ class LocateResults:
 
     @property
     def advice(self) -> str:
-        """Advice where there is no pose at all: undo the cause that most frames name."""
+        """Advice for the most frequent cause if no frame has a pose."""
         if self.swapped:
             return "swap LEFT and RIGHT"
         named = Counter(text for a in self.answers if a.estimate is not None for text in a.estimate.warnings)
@@ -125,7 +125,7 @@ class LocateResults:
         return "check that landmarks of the map are in view"
 
     def tum(self) -> str:
-        """Poses with status ``ok``; frame numbers take the place of times unless all times are known."""
+        """Poses with status ``ok``; frame numbers instead of times unless all times are known."""
         rows = [
             (number, located_dict(answer, self.rig, self.frame))
             for number, answer in enumerate(self.answers)
@@ -142,7 +142,7 @@ class LocateResults:
         return poses_to_tum(poses)
 
     def csv(self) -> str:
-        """All answers with standard deviations."""
+        """All results with standard deviations."""
         rows = [
             located_row(located_dict(answer, self.rig, self.frame))
             for answer in self.answers
@@ -170,7 +170,7 @@ class LocateResults:
         return draw_plan(self.landmarks, found, title=title, kind=kind)
 
     def files(self, tum: Path | None, csv: Path | None, plan: Path | None) -> Mapping[Path | None, bytes | str]:
-        """Contents of the files that are asked for, by path."""
+        """Contents of the requested files, by path."""
         contents: dict[Path | None, bytes | str] = {}
         if tum is not None:
             contents[tum] = self.tum()
@@ -182,5 +182,5 @@ class LocateResults:
 
 
 def _label(path: str) -> str:
-    """A file's name without folder and suffix; what is no text in it is escaped, as in JSON."""
+    """A file's name without folder and suffix; undecodable bytes are escaped, as in JSON."""
     return Path(path).stem.encode("utf-8", "backslashreplace").decode()

@@ -1,4 +1,4 @@
-"""Scans to planar poses of the robot: poles found, identified, and solved for, scan by scan."""
+"""Planar poses of the robot from scans: detects and identifies poles, and solves for the pose, scan by scan."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from lmkit.model.scan import LaserScan, ScannerMount
 
 @dataclass(frozen=True)
 class ScanSettings:
-    """Properties of the scanner and of its place on the robot.
+    """Properties of the scanner and its pose on the robot.
 
     Attributes:
-        mount: place of the scanner on the robot.
-        noise: errors of its ranges.
+        mount: pose of the scanner on the robot.
+        noise: noise of its ranges.
         rough: pose of the robot at the first scan, if roughly known.
     """
 
@@ -30,7 +30,7 @@ class ScanSettings:
 def locate_in_scans(
     scans: Sequence[LaserScan], landmarks: LandmarkMap, settings: ScanSettings | None = None
 ) -> Iterator[PoleAssociation]:
-    """Pose of the base for every scan on its own; the rough pose, if any, holds for all of them.
+    """Pose of the base for every scan separately; the rough pose, if any, is used for all scans.
 
     Raises:
         InputError: the map has no poles.

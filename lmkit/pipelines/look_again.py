@@ -1,7 +1,7 @@
-"""The pose of one frame of a rig from its images; what the map puts where nothing was read is looked for once more.
+"""The pose of one frame of a rig from its images, with a second search at predicted places of undetected landmarks.
 
-A single small landmark places a camera to some centimeters.  Others are often in view, but are read too unsurely to
-stand by themselves.  Once a pose is there, a reading of the expected code at the expected place may stand.
+A single small landmark determines a camera's position to some centimeters.  Often others are in view, but their
+margins are too low for acceptance.  With a pose, a reading of the expected code at the expected place is accepted.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 
-SURE_M = 0.005  # a position stated better than this gains little
-MOST_WINDOWS = 6  # an image
+SURE_M = 0.005  # with a smaller standard deviation, more landmarks gain little
+MOST_WINDOWS = 6  # per image
 
 Seen = Sequence[Sequence[Detection]]
 
 
 @dataclass(frozen=True)
 class FrameImage:
-    """Pixels of one image and how landmarks were looked for in it."""
+    """Pixels of one image and the options of its detection."""
 
     pixels: ByteArray
     options: DetectOptions
@@ -44,11 +44,11 @@ class FrameImage:
 def locate_frame(
     images: Sequence[FrameImage | None], seen: Seen, rig: AnyRig, landmarks: LandmarkMap, options: LocateOptions
 ) -> tuple[PoseEstimate, Seen]:
-    """The estimate of one frame, and all that was seen for it.
+    """The estimate of one frame, and the detections of the frame.
 
     Args:
-        images: of all cameras, or of the first one; None where only its detections are there.
-        seen: what was found in them.
+        images: of all cameras, or of the first one; None for a camera with detections only.
+        seen: detections in them.
     """
     estimate = _estimate(seen, rig, landmarks, options)
     more = _with_expected(images, seen, estimate, rig, landmarks)
@@ -71,7 +71,7 @@ def _estimate(seen: Seen, rig: AnyRig, landmarks: LandmarkMap, options: LocateOp
 def _with_expected(
     images: Sequence[FrameImage | None], seen: Seen, estimate: PoseEstimate, rig: AnyRig, landmarks: LandmarkMap
 ) -> Seen | None:
-    """Detections with those found where a pose expects them; None without new ones."""
+    """Detections, with new ones at places predicted from a pose; None without new ones."""
     sigma, T = estimate.sigma_m, estimate.T_map_camera
     if T is None or sigma is None or sigma < SURE_M:
         return None
@@ -85,7 +85,7 @@ def _with_expected(
 
 
 def _found_at(image: FrameImage, places: Expected, known: set[LandmarkId]) -> list[Detection]:
-    """Readings around expected places, by the lowest limit, without known ones."""
+    """Readings around expected places with the lowest acceptance limit, without known ones."""
     width, height = image.pixels.shape[1], image.pixels.shape[0]
     missing = {i: quad for i, quad in places.items() if i not in known and is_wholly_inside(quad, (width, height))}
     near = list(missing.values())[:MOST_WINDOWS]

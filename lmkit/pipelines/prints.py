@@ -1,4 +1,4 @@
-"""Landmarks to printable files: layout, file names, encoding, and the proof before writing."""
+"""Printable files of landmarks: layout, file names, encoding, and verification before writing."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ PAPERS = ("a4", "letter", "a3", "a2", "a1", "a0", "tabloid")
 DEFAULT_PAPER = "a4"
 SUFFIXES = (".pdf", ".png", ".svg")
 MOST_STRETCH = 0.05
-FONT_LETTERS = "cp1252"  # of Helvetica in a PDF, as WinAnsiEncoding has them
+FONT_LETTERS = "cp1252"  # letters of Helvetica in a PDF (WinAnsiEncoding)
 LEAST_SIZE_MM = 5.0  # no printer draws smaller ones cleanly
-READABLE_MM = 30.0  # smaller ones are read from a meter at most with a focal length of 600 px
-READ_FROM_PX = 17.5  # side at which 95 of 100 are read, docs/printing.md
+READABLE_MM = 30.0  # smaller landmarks are read up to one meter with a focal length of 600 px
+READ_FROM_PX = 17.5  # side at which 95 % are read, docs/printing.md
 
 
 def output_names(output: Path, labels: list[str]) -> dict[str, Path]:
-    """The file for every label: the output's own name, or with the label where there are several."""
+    """The file for every label: the name of the output, with the label if there are several."""
     if len(labels) == 1:
         return {labels[0]: output}
     return {label: output.with_name(f"{output.stem}-{label}{output.suffix}") for label in labels}
@@ -42,13 +42,13 @@ def output_names(output: Path, labels: list[str]) -> dict[str, Path]:
 
 @dataclass(frozen=True)
 class PrintLayout:
-    """How sheets are laid out.
+    """Layout of the sheets.
 
     Attributes:
-        template: name of a shipped template, or a TOML file; None for the plain sheet of ``paper``.
+        template: name of an included template, or a TOML file; None for the plain sheet of ``paper``.
         paper: None for the template's own, or A4.
         size_mm: landmark size; None for the template's own.
-        text, map_name: for templates that show them.
+        text, map_name: values for templates with these fields.
         mirror: mirrored, for the inside of glass.
         compensate: measured size of the last print, such as ``178.6x179.4``.
     """
@@ -67,7 +67,7 @@ class PrintLayout:
         """The template.
 
         Raises:
-            InputError: an unknown paper or template, or a paper beside a template of another one.
+            InputError: an unknown paper or template, or a paper other than the template's.
         """
         if self.template is None:
             if self._paper not in PAPERS:
@@ -91,14 +91,14 @@ class PrintLayout:
 
     @property
     def tiled(self) -> bool:
-        """Too large for its paper, and no template asked for."""
+        """Whether the landmark is larger than its paper, without a template."""
         if self.template is not None or self.size_mm is None:
             return False
 
         return self.size_mm > largest_mm(self.family, self.sheet)
 
     def sheet_for(self, codes: Sequence[int]) -> PageTemplate:
-        """The template, or for several codes of a stated size a sheet that holds as many as fit."""
+        """The template, or for several codes of a given size a sheet with as many landmarks as fit."""
         if self.template is None and self.size_mm is not None and len(codes) > 1:
             grid = grid_template(self.family, self.sheet.name, self.size_mm)
             if grid is not None and len(grid.all_places) > 1:
@@ -166,7 +166,7 @@ def encode_page(page: Page, path: Path, dpi: float) -> bytes:
     """The bytes of a PDF, SVG or PNG file with one page.
 
     Args:
-        path: its suffix tells the format.
+        path: its suffix gives the format.
     """
     if path.suffix.lower() == ".pdf":
         return pages_to_pdf([page], page.title)
@@ -180,7 +180,7 @@ def encode_page(page: Page, path: Path, dpi: float) -> bytes:
 
 @dataclass(frozen=True, eq=False)
 class Prints:
-    """Pages with landmarks, every one of which has been read back from the drawn page.
+    """Pages with landmarks, each verified by reading it from the drawn page.
 
     Attributes:
         pages: the pages.
@@ -284,7 +284,7 @@ def write_prints(
     files = {path: labeled[label] for label, path in output_names(output, list(labeled)).items()}
     _require_writable(files, overwrite)
     pdfs = [pages_to_pdf(pages, print_title(pages), manifest_of(pages, name).to_json(), cmyk) for pages in sets]
-    # Tiles are read as a whole, so pages of one landmark are proven together.
+    # Tiles are read as a whole, so pages of one landmark are verified together.
     for pdf, pages in zip(pdfs, sets, strict=True):
         prove_pages(pdf, pages)
     contents = {
@@ -303,7 +303,7 @@ def write_faces(
     dpi: float = 300.0,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write landmarks without a sheet around them, one PNG or SVG file per code; the files.
+    """Write landmarks without a sheet around them, one PNG or SVG file per code; returns the files.
 
     Raises:
         InputError: a file exists or cannot be written.
@@ -319,7 +319,7 @@ def write_faces(
 
 
 def check_landmark_size(size_mm: float) -> str | None:
-    """A warning if a landmark of this size is read from short distances only, else None.
+    """A warning if a landmark of this size can only be read from short distances, else None.
 
     Raises:
         InputError: the size is too small to print.

@@ -32,11 +32,11 @@ from lmkit.odometry.plausibility import (
 )
 
 MOST_LOCATED = 80
-# Of frames in an order that tells nothing: fewer frames tell nothing either; what they share with the next one is
-# within this share of what any two frames share. Frames further apart than this have little in common anyway.
+# Limits for shuffled frames: least number of frames; consecutive frames share at most this share more landmarks than
+# any two frames; any two frames share at most this share; longest median interval, s, with common landmarks.
 LEAST_ORDERED, IN_ORDER, MOSTLY_ALIKE, ORDERED_S = 20, 0.25, 0.7, 2.5
 FLOORS_APART_M, LEAST_ON_FLOOR = 1.5, 3
-LEAST_LANDMARKS = 2  # on a floor; poses by a single one are at another height where its own is wrong in the map
+LEAST_LANDMARKS = 2  # on a floor; a single landmark with a wrong height in the map also gives poses at another height
 
 
 def require_plausible_recording(
@@ -45,15 +45,15 @@ def require_plausible_recording(
     landmarks: LandmarkMap | None = None,
     size_m: float | None = None,
 ) -> None:
-    """Refuse a recording that contradicts itself, or the map, in a way that has a name.
+    """Refuse a recording that contradicts itself or the map, if the kind of error is recognized.
 
     Args:
-        rig: of frames; its T_base_left compares odometry with them.
+        rig: rig of the frames; T_base_left is needed to compare odometry with frames.
         landmarks: known ones, if any.
-        size_m: side of those that are not known; None: they are left out.
+        size_m: side of unknown landmarks; None: these are ignored.
 
     Raises:
-        InputError: says the unit, the sign, the order or the clock that is likely wrong.
+        InputError: names the unit, sign, order or clock that is probably wrong.
     """
     require_seconds(recording.times_s)
     require_clockwise(o for frame in recording.frames for o in frame.detections)
@@ -106,9 +106,9 @@ def _require_plausible_readings(recording: Recording) -> None:
 
 
 def order_doubt(frames: Sequence[RigFrame]) -> str | None:
-    """A sentence where frames that follow each other have no more landmarks in common than any two; else None.
+    """A sentence if consecutive frames have no more landmarks in common than any two frames; else None.
 
-    Stills from here and there may be so; frames of a moving robot, seconds apart, are not.
+    This may be so for single images from different places, but not for a moving robot's frames, seconds apart.
     """
     seen = [(frame.time_s, frozenset(d.id for d in frame.detections)) for frame in frames]
     seen = [(time_s, ids) for time_s, ids in seen if ids]
@@ -126,18 +126,18 @@ def order_doubt(frames: Sequence[RigFrame]) -> str | None:
 
 
 def _alike(ids: Sequence[frozenset[LandmarkId]]) -> float:
-    """Mean share of the landmarks of a frame and the next one that both have."""
+    """Mean ratio of the common landmarks of consecutive frames to all landmarks of both."""
     return float(np.mean([len(a & b) / len(a | b) for a, b in pairwise(ids)]))
 
 
 @dataclass(frozen=True)
 class _LocatedPose:
-    """The robot by landmarks alone.
+    """The robot's pose from landmarks only.
 
     Attributes:
         state: x, y (m) and heading (rad).
-        height_m: 0 where readings tell nothing of it.
-        landmarks: of the map, that were seen.
+        height_m: 0 for readings, which do not determine it.
+        landmarks: detected landmarks of the map.
     """
 
     time_s: float
@@ -171,7 +171,7 @@ def _require_one_floor(poses: Sequence[_LocatedPose]) -> None:
     """Refuse a robot on wheels that is on two floors.
 
     Raises:
-        InputError: ``two_floors``, with the heights and when it is there.
+        InputError: ``two_floors``, with the heights and times.
     """
     upward = sorted(poses, key=lambda pose: pose.height_m)
     steps = [above.height_m - below.height_m for below, above in pairwise(upward)]
@@ -193,7 +193,7 @@ def _require_one_floor(poses: Sequence[_LocatedPose]) -> None:
 
 
 def odometry_doubt(odometry: Odometry, times_s: FloatArray, states: FloatArray) -> str | None:
-    """A sentence where poses (K,3), found by landmarks for the most part, contradict the odometry; else None."""
+    """A sentence if poses (K,3), mostly from landmarks, contradict the odometry; else None."""
     try:
         require_agreement(odometry, times_s, states)
     except InputError as error:

@@ -1,7 +1,7 @@
-"""Recording folder: one recording's files under fixed names, so that a folder is all that a command needs.
+"""Recording folder: one recording's files under fixed names, so that a command needs only the folder.
 
 ``detections.csv``, or ``readings.csv``, or a folder or video per camera of the rig (``left/``, ``left.mp4``); and,
-where there are any, ``odometry.csv`` (wheels) or ``odometry.tum`` (visual odometry), and ``gyro.csv``.
+if available, ``odometry.csv`` (wheels) or ``odometry.tum`` (visual odometry), and ``gyro.csv``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm")
 
 
 def is_recording_folder(path: Path, cameras: Sequence[str]) -> bool:
-    """The folder holds a recording of a rig whose cameras have these names."""
+    """Whether the folder contains a recording of a rig whose cameras have these names."""
     return path.is_dir() and (
         (path / DETECTIONS).is_file() or all(_camera_source(path, camera) is not None for camera in cameras)
     )
@@ -29,12 +29,12 @@ def is_recording_folder(path: Path, cameras: Sequence[str]) -> bool:
 def read_recording_folder(
     path: Path, rig: AnyRig, families: Sequence[str] = (LM8.name,), hz: float | None = None
 ) -> Recording:
-    """The whole recording of a folder, as of `open_recording_folder`."""
+    """The whole recording of a folder; see `open_recording_folder`."""
     return open_recording_folder(path, rig, families, hz).read()
 
 
 def has_readings(path: Path) -> bool:
-    """The folder's recording is of ranges and bearings, and needs no rig."""
+    """Whether the folder's recording consists of ranges and bearings, which need no rig."""
     return (path / READINGS).is_file() and not (path / DETECTIONS).is_file()
 
 
@@ -48,11 +48,11 @@ def open_recording_folder(
     """The recording of a folder, whose frames are read one after the other.
 
     Args:
-        rig: that took it; None for ranges and bearings (`has_readings`).
-        families, hz, wheel_track_m: as of `open_recording`.
+        rig: rig of the recording; None for ranges and bearings (`has_readings`).
+        families, hz, wheel_track_m: see `open_recording`.
 
     Raises:
-        InputError: the folder holds no recording of this rig, or a file cannot be read.
+        InputError: the folder contains no recording of this rig, or a file cannot be read.
     """
     odometry, gyro = motion_files(path)
     if rig is None:
@@ -72,7 +72,7 @@ def open_recording_folder(
 
 
 def image_files(path: Path, cameras: Sequence[str]) -> tuple[list[str], Path | None]:
-    """A folder or video per camera of a recording folder, or none of them and the file of detections."""
+    """Folders or videos, one per camera; none and the file of detections if there are no images."""
     if (path / DETECTIONS).is_file():
         return [], path / DETECTIONS
     return [str(_camera_source(path, name)) for name in cameras], None

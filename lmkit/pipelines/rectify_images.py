@@ -25,11 +25,11 @@ def rectified_calibration(rig: StereoRig, folder: Path) -> dict[Path, str]:
 def rectify_frames(
     sources: Sequence[str], rig: StereoRig, folder: Path, lines: bool, overwrite: bool
 ) -> Iterator[tuple[Path, ...]]:
-    """Rectify and write pair after pair; the files of each.
+    """Rectify and write pair after pair; yields the files of each pair.
 
     Args:
         sources: two images, folders, globs or videos, or one ``split:SOURCE``.
-        lines: both images side by side with lines across.
+        lines: write both images side by side with horizontal lines.
 
     Raises:
         InputError: the sources do not go together, an image is not of the rig's size, or a file exists or cannot be
@@ -52,7 +52,7 @@ def rectify_frames(
 
 
 def _targets(names: Sequence[str], folder: Path, lines: bool) -> tuple[Path, ...]:
-    """The files written for a pair of images: left and right, or one with both side by side."""
+    """Output files of a pair: left and right, or one file with both side by side."""
     left, right = (_stem(name) for name in names)
     if lines:
         return (folder / f"{left}_lines.png",)

@@ -1,4 +1,4 @@
-"""Cameras of a simulated robot that take images and read them: photograph and detector, end to end."""
+"""Cameras of a simulated robot with rendered images and the real detector."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class RenderedCameras:
         self._rng = np.random.default_rng([seed, 9])
 
     def __call__(self, time_s: float, T_map_base: Pose) -> tuple[Seen, ...]:
-        """From a pose of the robot's base."""
+        """Detections from a pose of the robot's base."""
         if time_s < self._taken_s + self._every_s - 1e-9:
             return tuple(() for _ in mounted_cameras(self._rig))
         self._taken_s = time_s
         return self.look(T_map_base)[1]
 
     def look(self, T_map_base: Pose) -> tuple[ByteArray, tuple[Seen, ...]]:
-        """The left image (BGR), and what is read in all images."""
+        """The left image (BGR), and the detections in all images."""
         assert self._rig.T_base_left is not None
         T_map_left = T_map_base @ self._rig.T_base_left
         images, read = [], []

@@ -1,4 +1,4 @@
-"""Images of a board -> a calibrated rig of one or more cameras: the corners of each, and the views that two share."""
+"""Calibration of a rig of one or more cameras from images of a board."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def calibrate_sources(
     Args:
         sources: one per camera; the board need not be in every image.
         model: see `calibrate_camera`; separate the models of several cameras by commas.
-        on_image: called after every image how many are done, of how many.
+        on_image: called after every image with the number of finished images and of all images.
 
     Raises:
-        InputError: not as many images of every camera, too few views of a camera or of a pair of cameras.
+        InputError: different numbers of images, or too few views of a camera or of a pair of cameras.
     """
     lenses = models_by_camera(model, len(sources))
     if are_files(sources):
@@ -47,7 +47,7 @@ def calibrate_sources(
     for views, lens, frame in zip(found, lenses, frames, strict=True):
         cameras.append(calibrate_camera(views.views, board, views.image_size, lens, views.rejected))
         believed = set(cameras[-1].used)
-        # Images without a partner serve their own camera alone.
+        # Images without a partner are used for their own camera only.
         seen.append({frame[name]: c for name, c in views.views if name in believed and name in frame})
     if board.kind == "chessboard":
         seen = _oriented(seen, board)
@@ -65,10 +65,10 @@ def calibrate_source(
 
     Args:
         declared: see `calibrate_camera`.
-        on_image: called after every image how many are done, of how many.
+        on_image: called after every image with the number of finished images and of all images.
 
     Returns:
-        The rig of this camera, in the form that the report of several cameras takes.
+        The rig of this camera, in the form for the report of several cameras.
 
     Raises:
         InputError: too few images, or no camera explains them.
@@ -82,7 +82,7 @@ def calibrate_source(
 def _in_files(
     sources: Sequence[str], board: BoardSpec, on_image: Callable[[int, int], None]
 ) -> tuple[list[CameraViews], list[dict[str, str]]]:
-    """The corners in the images of every camera, and of every image with partners the name of its frame."""
+    """The corners in the images of every camera, and the frame name of every image with partners."""
     groups = list_groups(sources)
     found: list[CameraViews] = []
     for k, source in enumerate(sources):
@@ -94,7 +94,7 @@ def _in_files(
 
 
 def _oriented(seen: Sequence[dict[str, BoardObservation]], board: BoardSpec) -> list[dict[str, BoardObservation]]:
-    """The corners with those of every frame in the order of the first camera that sees the board."""
+    """The corners, in every frame in the order of the first camera that sees the board."""
     first: dict[str, BoardObservation] = {}
     for camera in seen:
         first = camera | first

@@ -1,4 +1,4 @@
-"""Frames at which a video stands still: the few of its many frames that are worth a long look."""
+"""Frames without motion in a video: the few frames that are worth a slow search."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class StillFrames:
     Attributes:
         number: of the frame in its video, from 0.
         frames: one per camera.
-        before: those just before; None at the start, and of sources without times.
+        before: the previous frames; None at the start, and for sources without times.
     """
 
     number: int
@@ -31,7 +31,7 @@ class StillFrames:
 
 
 def still_frames(groups: Iterable[tuple[Frame, ...]]) -> Iterator[StillFrames]:
-    """In every fifth of a second the frames that differ least from those before; without times, all frames.
+    """In every 0.2 s, the frames that differ least from the previous frames; without times, all frames.
 
     Raises:
         InputError: a frame cannot be read.
@@ -66,7 +66,7 @@ def _small(frame: Frame) -> Float32Array:
 
 
 def _change(before: list[Float32Array], now: list[Float32Array]) -> float:
-    """Mean difference of brightness in the camera that changes most; infinite at the start."""
+    """Mean difference of brightness of the camera that changes most; infinite at the start."""
     if not before:
         return np.inf
     return max(

@@ -1,6 +1,6 @@
-"""Prints in an image, poor ones too: what reads; else what reads mirrored or inverted; else what is most like one.
+"""Prints in an image, including poor ones: readable landmarks, else mirrored or inverted, else the likeliest ones.
 
-Ring landmarks have a mirror law of their own; a mirrored square marker reads as nothing in most families.
+Mirrored ring landmarks are recognized by their code; a mirrored square marker has no valid code in most families.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ Reading = TypeVar("Reading", Candidate, TagCandidate)
 SHRINKS = (2, 4, 8)
 LEAST_PX = 150  # of an image's shorter side
 OPENING_PX = 7
-# Poor prints are to be found too, and graded.
+# Poor prints must also be found and graded.
 LOOK_AT_ANY = replace(
     ACCURATE, aligned=ScreeningThresholds(white_over_ground=1.2, red_over_blue=0.2, contrast=0.1, turn=0.02)
 )
-ROOM = 0.4  # of the side, around a marker that is read again
-LIKELY = 0.3  # share of the pattern from which a refused square is still called a landmark
-LIKELY_CELLS = 0.4  # most error of a refused square marker's cells; 0.5 is nothing
+ROOM = 0.4  # margin in sides around a marker that is read again
+LIKELY = 0.3  # least share of the pattern in a rejected square that counts as a landmark
+LIKELY_CELLS = 0.4  # largest error of the cells of a rejected square that counts as a marker; noise has 0.5
 BLACK_FOR_WHITE = np.round(255 * linear_to_srgb(1 - SRGB_TO_LINEAR.astype(np.float64))).astype(np.uint8)
 
 
@@ -42,8 +42,8 @@ class FoundPrint:
 
     Attributes:
         candidate: its reading, in pixels of ``image``.
-        image: (H,W,3) BGR in which it reads: the image, mirrored or with black for white where that is needed.
-        is_mirrored, is_inverted: what was needed.
+        image: (H,W,3) BGR in which it reads: the image, mirrored or inverted if necessary.
+        is_mirrored, is_inverted: whether the image was mirrored or inverted.
     """
 
     candidate: Candidate | TagCandidate
@@ -53,7 +53,7 @@ class FoundPrint:
 
     @property
     def corners(self) -> FloatArray:
-        """(4,2) px of the image as it was given, in the landmark's order."""
+        """(4,2) px in the original image, in the landmark's order."""
         corners = self.candidate.corners
         if not self.is_mirrored:
             return corners
@@ -61,13 +61,13 @@ class FoundPrint:
 
 
 def find_prints(image: ByteArray, options: DetectOptions) -> list[FoundPrint]:
-    """All landmarks that read in an image, also seen smaller; where none does, what is most like one.
+    """All landmarks that are read in an image, at full or reduced size; if there are none, the likeliest candidates.
 
-    Streaks and blur that break up the border at full size are small in a smaller image.
+    Streaks and blur that break the border at full size are less visible at reduced size.
 
     Args:
         image: (H,W,3) BGR, 8 bit.
-        options: families, and whether a lens took it.
+        options: families, and whether the image was taken through a lens.
     """
     options = replace(options, config=LOOK_AT_ANY)
     good: list[Candidate | TagCandidate] = []
@@ -93,7 +93,7 @@ def find_prints(image: ByteArray, options: DetectOptions) -> list[FoundPrint]:
 
 
 def _is_elsewhere(candidate: Candidate | TagCandidate, found: Sequence[Candidate | TagCandidate]) -> bool:
-    """Whether none of those found stands where the candidate does."""
+    """Whether no found landmark overlaps the candidate."""
     return len(best_of_each_place([*found, candidate])) > len(found)
 
 
@@ -104,7 +104,7 @@ def _candidates(small: ByteArray, shrink: int, options: DetectOptions) -> tuple[
 
 
 def _otherwise(image: ByteArray, small: ByteArray, shrink: int, options: DetectOptions) -> list[FoundPrint]:
-    """Square markers that read in a mirror, with black for white, or with both."""
+    """Square markers that are read in the mirrored image, the inverted image, or both."""
     for is_mirrored, is_inverted in ((True, False), (False, True), (True, True)):
         seen = _seen(small, is_mirrored, is_inverted)
         tags = [a for a in find_tags(seen, options, None) if a.rejected is None]
@@ -116,9 +116,9 @@ def _otherwise(image: ByteArray, small: ByteArray, shrink: int, options: DetectO
 
 
 def _settled(image: ByteArray, candidate: Candidate | TagCandidate) -> Candidate | TagCandidate:
-    """A large square marker: corners where the lines along its border meet, cells as they look from further away.
+    """A large square marker with corners from lines along its border and cells read at reduced size.
 
-    Edges sharper than a lens draws them hold a fit of the whole drawing where it starts.
+    Edges that are sharper than from a lens keep a fit of the whole drawing from moving away from its start.
     """
     if isinstance(candidate, Candidate) or candidate.side_px < FINE_SIDE_PX:
         return candidate
@@ -143,7 +143,7 @@ def _seen(image: ByteArray, is_mirrored: bool, is_inverted: bool) -> ByteArray:
 def _of_opened(
     image: ByteArray, small: ByteArray, shrink: int, options: DetectOptions
 ) -> list[Candidate | TagCandidate]:
-    """Landmarks where every spot takes the darkest around it, then the brightest: without thin bright lines."""
+    """Landmarks after a morphological opening, which removes thin bright lines."""
     opened = cv2.morphologyEx(small, cv2.MORPH_OPEN, np.ones((OPENING_PX, OPENING_PX), np.uint8))
     rings, tags = _candidates(np.asarray(opened, dtype=np.uint8), shrink, options)
     again: list[Candidate | TagCandidate | None] = [read_landmark_at(image, a.corners, a.family) for a in rings]
@@ -161,6 +161,6 @@ def _is_likely(candidate: Candidate | TagCandidate) -> bool:
 
 
 def _enlarged(candidate: Reading, shrink: int) -> Reading:
-    """The candidate in pixels of the image that was shrunk."""
+    """The candidate in pixels of the image before shrinking."""
     corners = (candidate.corners + 0.5) * shrink - 0.5
     return replace(candidate, corners=corners, covariance=candidate.covariance * shrink**2)

@@ -1,7 +1,7 @@
-"""A print laid flat in the image's light, whatever is drawn on it: cells, inks beside their white, and edges.
+"""Samples of a rectified print in linear light, for any drawing: cells, inks relative to white, and edges.
 
-The print is sampled on a grid of its own plane.  Cells that lie well inside one ink tell what it looks like, and
-their scatter the evenness; the edges of the border tell straightness and sharpness.
+The print is sampled on a grid in its own plane.  Cells well inside one ink give its color, and
+their scatter the unevenness; the edges of the border give straightness and sharpness.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from lmkit.geometry.homography import homography_from_points, transform_points
 from lmkit.model.palette import SRGB_TO_LINEAR
 
 CELLS = 240  # across face and white margin
-PURE = 0.985  # coverage from which a cell shows one ink alone
-NEARLY_PURE = 0.9  # this will do where blur leaves fewer than LEAST_CELLS of those
+PURE = 0.985  # least coverage of a cell that shows one ink only
+NEARLY_PURE = 0.9  # used if blur leaves fewer than LEAST_CELLS pure cells
 LEAST_CELLS = 400
-FINE_SIDE_PX = 120.0  # below, fine lines of the print do not show in the image
+FINE_SIDE_PX = 120.0  # in smaller images, fine lines of the print are not visible
 EDGE_STEPS = 41
-FINE_EDGE_STEPS = 161  # to tell where an edge lies
+FINE_EDGE_STEPS = 161  # to localize an edge
 EDGE_REACH = 0.045  # of the side, on both sides of the border's outer edge
 EDGE_POINTS = 48  # along each side of the border
-BEYOND = 1.3  # light outside of the white cells, over that inside
+BEYOND = 1.3  # largest extrapolated light outside the white cells, over the light inside
 WHITE_ENOUGH = 0.7
-GLARE_SHARE = 0.45  # of the way from an ink to white
+GLARE_SHARE = 0.45  # of the difference from an ink to white
 SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 NORMALS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))  # of the sides: top, right, bottom, left
 
@@ -47,7 +47,7 @@ def margin_share(relative: FloatArray, points: FloatArray, half_mm: float, margi
 
 
 def pure_cells(coverage: FloatArray, on_face: BoolArray) -> BoolArray:
-    """Cells of the face that show one ink alone, or nearly."""
+    """Cells of the face that show one ink only, or nearly."""
     pure = on_face & (coverage > PURE)
     return pure if pure.sum() >= LEAST_CELLS else np.asarray(on_face & (coverage > NEARLY_PURE))
 
@@ -59,13 +59,13 @@ def light_at(image: ByteArray, H: FloatArray, points: FloatArray, side_px: float
     if (cell_px := side_px / CELLS) > 1.5:
         size = 2 * round(cell_px / 2) + 1
         linear = cv2.blur(linear, (size, size))
-    # remap takes images of less than 2^15 rows.
+    # remap accepts images of less than 2^15 rows.
     seen = [cv2.remap(linear, some[:, :1], some[:, 1:], cv2.INTER_LINEAR) for some in np.array_split(at, 8)]
     return np.concatenate(seen).reshape(-1, 3)[:, ::-1].astype(np.float64)
 
 
 def white_everywhere(points: FloatArray, colors: FloatArray, white: BoolArray) -> FloatArray:
-    """(N,3) what white would look like everywhere: a curved surface through the cells that show white alone."""
+    """(N,3) appearance of white everywhere: a curved surface through the cells that show only white."""
     x, y = points.T / 90
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     weights = white.astype(np.float64)
@@ -75,9 +75,9 @@ def white_everywhere(points: FloatArray, colors: FloatArray, white: BoolArray) -
         coefficients = np.linalg.lstsq(terms * root, colors * root, rcond=None)[0]
         fitted = terms @ coefficients
         off = np.abs(colors - fitted).mean(axis=1) / np.maximum(fitted.mean(axis=1), 1e-3)
-        # Shine and dirt do not tell the light.
+        # Glare and dirt do not show the light.
         weights = white / (1 + (off / 0.05) ** 2)
-    # Where blur leaves white only in the rings, the surface runs wild beyond them.
+    # If blur leaves white only in the rings, the surface diverges outside them.
     low, high = np.percentile(colors[white], [5, 95], axis=0)
     return np.clip(fitted, np.maximum(low / BEYOND, 1e-3), high * BEYOND)
 
@@ -88,12 +88,12 @@ def brightness(colors: FloatArray) -> FloatArray:
 
 
 def contrast_of(relative: FloatArray, ink: BoolArray) -> float:
-    """1 - brightness of an ink over that of the white around it."""
+    """1 - brightness of an ink over the brightness of the white around it."""
     return float(1 - np.median(brightness(relative[ink])))
 
 
 def unevenness_of(relative: FloatArray, points: FloatArray, inks: Sequence[BoolArray]) -> float:
-    """The worse ink's scatter over its contrast, of cells averaged over 3 x 3, fitted light taken out."""
+    """Largest scatter over contrast of an ink, of cells averaged over 3 x 3, without the fitted light."""
     worst = 0.0
     x, y = points.T / 90
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
@@ -105,7 +105,7 @@ def unevenness_of(relative: FloatArray, points: FloatArray, inks: Sequence[BoolA
         coefficients = np.linalg.lstsq(terms[inner], smooth[inner], rcond=None)[0]
         off = smooth[inner] - terms[inner] @ coefficients
         contrast = max(1 - float(np.median(smooth[inner])), 0.05)
-        # Between the 2nd and the 98th of a hundred: streaks are few, grain is everywhere.
+        # Between the 2nd and the 98th percentile: streaks are rare, grain is everywhere.
         low, high = np.percentile(off, [2, 98])
         worst = max(worst, float(high - low) / contrast)
     return worst
@@ -122,17 +122,17 @@ def glare_share(relative: FloatArray, inks: Sequence[BoolArray]) -> float:
 
 
 def corners_of_border(image: ByteArray, corners: FloatArray, half_mm: float) -> FloatArray:
-    """(4,2) corners of a dark border on white, px, where lines along its outer edges meet.
+    """(4,2) corners of a dark border on white, px: intersections of lines along its outer edges.
 
     Args:
-        corners: (4,2) good to two hundredths of the side, px, clockwise.
-        half_mm: half of the side that they stand for.
+        corners: (4,2) with errors up to 0.02 of the side, px, clockwise.
+        half_mm: half of the side between the corners.
     """
     H = homography_from_points(half_mm * SQUARE, corners)
     lines = []
     for normal in NORMALS:
         edge = _edge(image, H, half_mm, normal, FINE_EDGE_STEPS)
-        # Beyond a narrow margin it may be dark again.
+        # Outside a narrow margin the image may be dark again.
         rising = np.maximum.accumulate(edge.step, axis=1)
         place = _places(rising, edge.across)[edge.is_fair]
         along = edge.along[edge.is_fair]
@@ -153,8 +153,8 @@ class _Edge(NamedTuple):
     """Profiles across one side of the border.
 
     Attributes:
-        along, across: (EDGE_POINTS,), (steps,) mm: along the side, and outward from where it should be.
-        place: (EDGE_POINTS,) mm outward, where the edge lies.
+        along, across: (EDGE_POINTS,), (steps,) mm: along the side, and outward from its nominal place.
+        place: (EDGE_POINTS,) position of the edge, mm outward.
         step: (EDGE_POINTS,steps) brightness, 0 in the border, 1 on the white.
         is_fair: (EDGE_POINTS,) profiles with enough contrast.
     """
@@ -184,14 +184,14 @@ def _edge(image: ByteArray, H: FloatArray, half: float, normal: tuple[float, flo
 
 
 def _places(step: FloatArray, across: FloatArray) -> FloatArray:
-    """(N,) where the edges of (N,steps) profiles lie, as the areas under them say."""
+    """(N,) positions of the edges of (N,steps) profiles, from the areas under the profiles."""
     level = np.clip(step, 0, 1)
     area = (level.sum(axis=1) - (level[:, 0] + level[:, -1]) / 2) / (len(across) - 1)
     return np.asarray(across[-1] - area * (across[-1] - across[0]))
 
 
 def bow_and_blur(image: ByteArray, H: FloatArray, half: float) -> tuple[float, float]:
-    """(bow, blur) of the border's outer edge, over the side; seen in green, where red is dark, and black too."""
+    """(bow, blur) of the border's outer edge, over the side; in the green channel, where red and black are dark."""
     places, sigmas = [], []
     for normal in NORMALS:
         edge = _edge(image, H, half, normal, EDGE_STEPS)

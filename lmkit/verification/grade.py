@@ -1,7 +1,7 @@
-"""Grades A to F, line by line, in the manner of ISO/IEC 15415: the worst line decides.
+"""Grades A to F, line by line, similar to ISO/IEC 15415: the worst line decides.
 
-Not that standard, and no claim of compliance: its light is calibrated.  The limits were set on simulated good
-prints under many lights and on planted defects (benchmarks/prints.py), then checked on other seeds.
+It is not ISO/IEC 15415, which needs calibrated light, and claims no compliance.  The limits were set on simulated
+good prints under many lights and on planted defects (benchmarks/prints.py), then checked on other seeds.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ class GradedLine:
     """One line of the report.
 
     Attributes:
-        name: what was measured.
-        value: the figure, as text.
-        grade: A, B, C, D, F, or None where it is not known.
-        advice: what to do about it; empty for A and B.
+        name: name of the measured property.
+        value: the value, as text.
+        grade: A, B, C, D, F, or None if it is not known.
+        advice: how to improve it; empty for A and B.
     """
 
     name: str
@@ -36,14 +36,14 @@ class GradedLine:
 
 @dataclass(frozen=True)
 class _Scale:
-    """Limits of A, B, C and D; falling where more is better, rising where less is."""
+    """Limits of A, B, C and D; decreasing if larger values are better, increasing if smaller ones are."""
 
     name: str
     limits: tuple[float, float, float, float]
     advice: str
 
     def line(self, value: float | None, text: str, why_unknown: str = "") -> GradedLine:
-        """The line for this value; ``text`` has it in braces."""
+        """The line for this value; ``text`` contains the value in braces."""
         if value is None:
             return GradedLine(self.name, "unknown", None, why_unknown)
         text = text.format(value)
@@ -53,7 +53,7 @@ class _Scale:
         return GradedLine(self.name, text, grade, "" if grade in "AB" else self.advice)
 
 
-# Log likelihood ratios that a print must reach; grade A takes five times as much.
+# Log likelihood ratios that a print must reach; grade A requires five times as much.
 NEEDED_CODE_MARGIN, NEEDED_TURN_MARGIN = 9.0, 24.0
 DECODABILITY = _Scale("decodability", (5, 3, 2, 1), "print larger or sharper; take the image from nearer")
 ROTATION = _Scale("rotation margin", (5, 3, 2, 1), "print larger or sharper; keep the triangle clean")
@@ -68,7 +68,7 @@ RED_COLOR = _Scale("color of red", (12, 17, 24, 32), "check the printer's color 
 BLUE_COLOR = _Scale("color of blue", (12, 17, 24, 32), "check the printer's color settings and cartridges")
 EVENNESS = _Scale("evenness", (0.08, 0.14, 0.22, 0.35), "clean the print head; photograph without a screen's pattern")
 MARGIN = _Scale("white margin", (0.97, 0.93, 0.85, 0.7), "leave 10 mm of white (for 180 mm) around the red border")
-# Every pixel in use tells something of every cell, so that the margin grows with the pixels in use, not the size.
+# Every pixel contributes to every cell, so the margin grows with the number of pixels, not with the size.
 TAG_DECODABILITY = _Scale(DECODABILITY.name, (2.0, 1.6, 1.3, 1.0), DECODABILITY.advice)
 CELLS = _Scale("modulation of cells", (0.6, 0.5, 0.4, 0.25), "clean the cells; look for shine or dirt on them")
 BLACK_CONTRAST = _Scale(
@@ -84,8 +84,8 @@ SCALE = _Scale("scale", (0.004, 0.008, 0.015, 0.025), "print at 100 %; or reprin
 ASPECT = _Scale("X to Y", (0.003, 0.006, 0.012, 0.02), "reprint with --compensate WIDTHxHEIGHT as measured")
 SKEW = _Scale("skew", (0.15, 0.3, 0.6, 1.2), "feed the paper straight; scan flat")
 CONTENT = "content"
-UNMEASURED = "C"  # of a print whose size is stated and could not be measured
-UNSTATED = "B"  # of a print of which nobody says how large it should be
+UNMEASURED = "C"  # grade of a print whose size is stated and could not be measured
+UNSTATED = "B"  # grade of a print without a stated size
 NOT_MEASURED = "measure with a ruler, or photograph the whole sheet (own paper size: --manifest) or a bank card"
 NOT_STATED = "say how large it should be: --size 180mm, or --manifest FILE"
 NOT_SCANNED = "a photograph does not show it; scan the sheet"
@@ -102,10 +102,10 @@ def grade_print(
     """All lines of one ring landmark.
 
     Args:
-        side_mm: measured width and height, or None where nothing gives the scale.
-        stated_mm: what they should be.
-        content_problem: why it is not what its label or manifest says; None where it is, or where
-            neither says anything.
+        side_mm: measured width and height, or None if the scale is unknown.
+        stated_mm: nominal width and height.
+        content_problem: how it differs from its label or manifest; None if it agrees, or if
+            there is neither.
     """
     m, decoding = measures, candidate.decoding
     optical = _Optical(m.side_px)
@@ -146,7 +146,7 @@ def grade_tag(
 
 @dataclass(frozen=True)
 class _Optical:
-    """Lines that only an image from near shows."""
+    """Lines that need a close image."""
 
     side_px: float
 
@@ -183,7 +183,7 @@ def _scale_lines(
         aspect = abs(side_mm[0] / side_mm[1] - 1)
         off = None if stated_mm is None else max(abs(length / stated_mm - 1) for length in side_mm)
     if off is None and stated_mm is not None:
-        # The commonest fault is "fit to page": nobody may rely on a size that was not measured.
+        # The most common fault is "fit to page", so an unmeasured size is not reliable.
         scale = GradedLine(SCALE.name, f"not measured, {stated_mm:g} mm stated", UNMEASURED, NOT_MEASURED)
     elif off is None or side_mm is None:
         scale = GradedLine(SCALE.name, "unknown", UNSTATED, no_scale)
@@ -198,5 +198,5 @@ def _scale_lines(
 
 
 def overall_grade(lines: list[GradedLine]) -> str:
-    """The worst of those that are known."""
+    """The worst of the known grades."""
     return max((line.grade for line in lines if line.grade is not None), key=GRADES.index)

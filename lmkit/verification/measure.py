@@ -1,4 +1,4 @@
-"""A printed ring landmark measured: what white, red and blue look like where the drawing says they are alone."""
+"""Measurement of a printed ring landmark: white, red and blue in cells where the drawing has only this color."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ RGB_TO_XYZ = np.array(
 
 @dataclass(frozen=True)
 class PrintMeasures:
-    """Measurements of one landmark in one image; None where blur leaves too little of an ink alone.
+    """Measurements of one landmark in one image; None if blur leaves too few cells of one ink.
 
     Attributes:
         side_px: mean side in the image.
-        modulation: least distance of a gap from half way between ring and ground, 0..1.
-        red_contrast, blue_contrast: 1 - brightness of the ink over that of the white around it.
-        red_distance, blue_distance: CIEDE2000 between the ink as seen against its white and the file's.
-        unevenness: scatter of the inks over the contrast, light's gradient and the image's grain taken out.
+        modulation: least distance of a gap from the midpoint between ring and ground, 0..1.
+        red_contrast, blue_contrast: 1 - brightness of the ink over the brightness of the white around it.
+        red_distance, blue_distance: CIEDE2000 between the ink relative to its white and the ink in the file.
+        unevenness: scatter of the inks over the contrast, without the light's gradient and the image's grain.
         margin_share: share of the white margin that is white.
         glare_share: share of the inked cells that shine like white.
         bow: root mean square of the border's distance from straight, over the side.
@@ -73,7 +73,7 @@ def measure_print(image: ByteArray, candidate: Candidate) -> PrintMeasures:
     bow, blur = bow_and_blur(image, H, family.half_mm)
 
     colors = light_at(image, H, points, side_px)
-    # Cells whose surroundings, as far as the blur reaches, are of one ink.
+    # Cells surrounded by one ink within the radius of the blur.
     variance = (max(1.2, 1.3 * blur * family.side_mm)) ** 2
     gaps = np.flatnonzero(family.gaps(candidate.decoding.code)).tolist()
     covariances = np.tile([variance, 0.0, variance], (len(points), 1))
@@ -100,7 +100,7 @@ def measure_print(image: ByteArray, candidate: Candidate) -> PrintMeasures:
 
 
 def _distance(relative: FloatArray, ink: BoolArray, rgb: tuple[int, int, int]) -> float:
-    """CIEDE2000 of the median color, its white taken as D65's, to the file's."""
+    """CIEDE2000 between the median color, with its white as D65, and the color in the file."""
     from skimage.color import deltaE_ciede2000, xyz2lab
 
     seen = np.median(relative[ink], axis=0)

@@ -1,4 +1,4 @@
-"""A printed square marker measured: what black and white look like where the drawing says they are alone."""
+"""Measurement of a printed square marker: black and white in cells where the drawing has only this color."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from lmkit.verification.flat_print import (
     white_everywhere,
 )
 
-LEAST_SPREAD_MM = 1.1  # of a nominal print; the drawing is taken as blurred at least so much
-INNER = 0.5  # of a cell, its middle, in which its brightness is taken
-LIT_ALIKE = 0.75  # brightness of paper in the margin over that between the cells, from which it tells the light too
+LEAST_SPREAD_MM = 1.1  # of a nominal print: least blur that is assumed
+INNER = 0.5  # share of a cell, around its center, for its brightness
+LIT_ALIKE = 0.75  # least brightness of the margin over the white cells for the margin to count as paper
 
 
 @dataclass(frozen=True)
 class TagPrintMeasures:
-    """Measurements of one square marker in one image; None where blur leaves too little of black or white alone.
+    """Measurements of one square marker in one image; None if blur leaves too few black or white cells.
 
     Attributes:
         side_px: mean side in the image.
-        modulation: least distance of a cell from half way between black and white, 0..1; below 0 on the wrong side.
-        contrast: 1 - brightness of black over that of the white around it.
-        unevenness: scatter of the black over the contrast, light's gradient and the image's grain taken out.
+        modulation: least distance of a cell from the mean of black and white, 0..1; negative on the wrong side.
+        contrast: 1 - brightness of black over the brightness of the white around it.
+        unevenness: scatter of the black over the contrast, without the light's gradient and the image's grain.
         margin_share: share of the white margin, one cell wide, that is white.
         glare_share: share of the black cells that shine like white.
         bow: root mean square of the border's distance from straight, over the side.
@@ -90,7 +90,7 @@ def measure_tag(image: ByteArray, candidate: TagCandidate) -> TagPrintMeasures:
 
 
 def _modulation(relative: FloatArray, points: FloatArray, family: SquareMarkerFamily, code: int) -> float:
-    """Least distance of the middle of a cell, border included, from half way between black and white."""
+    """Least distance of the center of a cell, border included, from the midpoint between black and white."""
     at = np.clip((points * [1, -1] + family.half_mm) / family.cell_mm, 0, family.cells - 0.01)
     is_inner = (np.abs(at % 1 - 0.5).max(axis=1) < INNER / 2) & (np.abs(points).max(axis=1) < family.half_mm)
     column, row = at[is_inner].astype(int).T
@@ -103,7 +103,7 @@ def _modulation(relative: FloatArray, points: FloatArray, family: SquareMarkerFa
 
 
 def _drawn(family: SquareMarkerFamily, code: int, spread_mm: float) -> FloatArray:
-    """(CELLS^2,) darkness of marker and margin, as blurred as the print is."""
+    """(CELLS^2,) darkness of marker and margin, with the blur of the print."""
     cells = np.pad(family.darkness(code), family.margin_cells).astype(np.float32)
     large = cv2.resize(cells, (CELLS, CELLS), interpolation=cv2.INTER_NEAREST)
     sigma = spread_mm / (2 * (family.half_mm + family.margin_mm)) * CELLS
@@ -111,6 +111,6 @@ def _drawn(family: SquareMarkerFamily, code: int, spread_mm: float) -> FloatArra
 
 
 def _lit_margin(colors: FloatArray, darkness: FloatArray, on_face: BoolArray, white: BoolArray) -> BoolArray:
-    """Cells of the margin that look like paper: the light at the border lies between them and the white cells."""
+    """Cells of the margin that look like paper: with the white cells they enclose the border, and give its light."""
     light = brightness(colors)
     return pure_cells(1 - darkness, ~on_face) & (light > LIT_ALIKE * np.median(light[white]))

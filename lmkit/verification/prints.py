@@ -1,4 +1,4 @@
-"""The round trip: rasterize or open what was printed, read it, measure it, grade it."""
+"""Verification of prints: rasterize or open a file, read the landmarks, measure them, grade them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SIZES_ALIKE_MM = 0.5
 
 @dataclass(frozen=True)
 class Stated:
-    """Statements of a label or a manifest about a landmark; None where there is none."""
+    """Code, family and size of a landmark from a label or manifest; None if not stated."""
 
     code: int | None
     family: MarkerFamily | None
@@ -55,10 +55,10 @@ class PrintedLandmark:
 
     Attributes:
         source: file, and page for a PDF.
-        observation: what it reads as, and where.
-        side_mm: (width, height) of the border's outer edges, or None where nothing gives the scale.
-        scale_from: what gave it.
-        stated_code, stated_mm: what the page's label or manifest says, or None.
+        observation: its code and corners.
+        side_mm: (width, height) of the border's outer edges, or None if the scale is unknown.
+        scale_from: source of the scale.
+        stated_code, stated_mm: code and size by the page's label or manifest, or None.
         lines: the grades, line by line.
         image: (H,W,3) the image it was read from, BGR.
     """
@@ -83,7 +83,7 @@ class PrintedLandmark:
         return tuple(f"{line.name}: {line.value}" for line in self.lines if line.grade == "F")
 
 
-# Name, image, dots per inch, and what should be on it.
+# Name, image, dots per inch, and its stated landmarks.
 Sheet = tuple[str, ByteArray, tuple[float, float] | None, tuple[Stated, ...]]
 
 
@@ -94,7 +94,7 @@ class VerifiedSheet:
     Attributes:
         source: file, and page for a PDF.
         found: its landmarks, graded, in the order of their codes.
-        missing: codes that its own label or manifest states and that were not found.
+        missing: codes of its label or manifest that were not found.
     """
 
     source: str
@@ -112,14 +112,14 @@ def verify_print(
 def verify_sheets(
     path: Path, options: DetectOptions | None = None, stated: tuple[Stated, ...] = ()
 ) -> list[VerifiedSheet]:
-    """Read and grade all landmarks of a PDF or image, beside what is stated of it; one result for each page.
+    """Read and grade all landmarks of a PDF or image, compared with its statements; one result for each page.
 
     Args:
-        stated: what may be on it, for a scan or photograph that says nothing itself: any of these.
+        stated: landmarks that may be on a scan or photograph without a label or manifest.
 
     Raises:
-        InputError: the file or its manifest cannot be read, the file is not the one of the manifest, it holds only
-            sheets of tiled landmarks, or it says another size than is stated.
+        InputError: the file or its manifest cannot be read, the file is not the one of the manifest, it contains only
+            sheets of tiled landmarks, or its size differs from the stated one.
     """
     sheets = _sheets(path)
     for source, _, _, of_sheet in sheets:
@@ -137,7 +137,7 @@ def _verified(
 ) -> VerifiedSheet:
     found = grade_sheet(source, image, dpi, of_sheet or stated, options)
     codes = [one.code for one in of_sheet if one.code is not None]
-    # A wrong code is graded as such; it stands for one of those that are missing.
+    # A wrong code is graded as such; it counts for one of the missing codes.
     wrong = sum(item.observation.code not in codes for item in found)
     missing = [code for code in codes if code not in {item.observation.code for item in found}]
     return VerifiedSheet(source, tuple(found), tuple(missing[wrong:]))
@@ -155,7 +155,7 @@ def _require_one_size(source: str, of_sheet: tuple[Stated, ...], stated: tuple[S
 
 
 def stated_by_manifest(manifest: PrintManifest, page: int | None = None) -> tuple[Stated, ...]:
-    """Statements of a manifest about one page, or about all."""
+    """Statements of a manifest about one page, or about all pages."""
     entries = (entry for entry in manifest.landmarks if page is None or entry.page == page)
     papers = manifest.paper_mm
     stated = (
@@ -183,13 +183,13 @@ def grade_sheet(
         source: its name.
         image: (H,W,3) BGR, 8 bit.
         dpi: dots per inch in x and y of a scan; None for photographs.
-        stated: what should be on it, in any order; empty where nothing is known.  A code of None
-            stands for any.
+        stated: landmarks that should be on it, in any order; empty if unknown.  A code of None
+            matches any code.
     """
     padded, offset = _with_margin(image)
     options = options or DetectOptions()
     families = tuple(dict.fromkeys(s.family for s in stated if s.family is not None)) or options.families
-    # Whoever wrote the resolution into the file was a scanner or a rasterizer, not a camera with a lens.
+    # A resolution in the file comes from a scanner or rasterizer, not from a camera with a lens.
     options = replace(options, families=families, through_lens=dpi is None)
     found = (_graded(source, offset, one, dpi, stated) for one in find_prints(padded, options))
     in_order = sorted(found, key=lambda item: (item.observation.family, item.observation.code))
@@ -217,7 +217,7 @@ def _graded(
         skew = abs(float(np.degrees(np.arcsin(cosine))))
         scale_from = "resolution of the file"
     elif stated.size_mm is not None and side_px >= FINE_SIDE_PX:
-        # A far landmark is a small thing in a room full of edges that could pass for its sheet's.
+        # Around a distant landmark, many edges of the room could be mistaken for edges of its sheet.
         papers = [stated.paper_mm] if stated.paper_mm is not None else []
         reference = find_reference(image, candidate.corners, stated.size_mm, papers)
         if reference is not None:
@@ -237,7 +237,7 @@ def _graded(
 
 
 def _stated_for(found: FoundPrint, stated: tuple[Stated, ...]) -> Stated:
-    """Statement about this landmark: by its code, or the only one; else what all statements share."""
+    """Statement about this landmark: by its code, or the only one; else the size common to all statements."""
     same = [one for one in stated if one.code in (None, found.candidate.decoding.code)]
     if len(stated) == 1 or same:
         return (same or list(stated))[0]
@@ -289,9 +289,9 @@ def _sheets(path: Path) -> list[Sheet]:
 
 
 def _resolution(data: bytes, trusted: bool) -> tuple[float, float] | None:
-    """Dots per inch of a scan or rasterized page; None of a photograph, whatever its file claims.
+    """Dots per inch of a scan or rasterized page; None for a photograph, even if its file has a value.
 
-    Cameras write 72 or 96, or whatever they like, and how they exposed.
+    Cameras write 72, 96 or other values, and their exposure, by which photographs are recognized.
     """
     with Image.open(io.BytesIO(data)) as opened_image:
         dpi = opened_image.info.get("dpi")
@@ -302,7 +302,7 @@ def _resolution(data: bytes, trusted: bool) -> tuple[float, float] | None:
 
 
 def _as_printed(dpi: tuple[float, float], manifest: PrintManifest) -> tuple[float, float]:
-    """Dots per inch of paper: a compensated file is drawn larger than it will come out."""
+    """Dots per inch of paper: a compensated file is drawn at another size than its print."""
     return dpi[0] * manifest.stretch[0], dpi[1] * manifest.stretch[1]
 
 
@@ -328,7 +328,7 @@ def _pdf_sheets(path: Path, data: bytes, manifest: PrintManifest | None) -> list
         sheets: list[Sheet] = []
         for number, page in enumerate(document, start=1):
             if manifest is not None and not any(entry.page == number for entry in manifest.landmarks):
-                continue  # a page of contents
+                continue  # table of contents
             image, dpi = raster_page(page, PDF_DPI)
             if manifest is not None:
                 image = np.ascontiguousarray(image[:, ::-1]) if manifest.mirrored else image
@@ -351,7 +351,7 @@ def _stated_by_text(text: str) -> tuple[Stated, ...]:
 
 
 def _with_margin(image: ByteArray) -> tuple[ByteArray, FloatArray]:
-    """White around the page, as the wall's paper would be; a bare face has no margin of its own."""
+    """White around the page: a face without a sheet has no margin of its own."""
     margin = max(16, round(0.08 * max(image.shape[:2])))
     padded = np.pad(image, ((margin, margin), (margin, margin), (0, 0)), constant_values=255)
     return padded, np.array([margin, margin], dtype=np.float64)

@@ -1,6 +1,6 @@
-"""The proof before a print is written: every page drawn by pdfium, every landmark read and measured.
+"""Verification before a print is written: every page is drawn by pdfium, every landmark read and measured.
 
-Sheets of a tiled landmark are laid together first, as the person with the glue will.
+Sheets of a tiled landmark are joined first, as the user will glue them.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ MOST_PX = 3000.0  # of a page's longer side
 FINER = 6
 TOLERANCE = 0.003  # of the side, for every corner
 PAPER_WHITE = 235
-WORTH_PROCESSES = 400  # pages; workers take a second to start, a page a few milliseconds
+WORTH_PROCESSES = 400  # pages; starting worker processes takes a second, a page a few milliseconds
 CHUNKS = 16
 
 
 @dataclass(frozen=True)
 class _Job:
-    """Pages that are proven together: one, or the sheets of a tiled landmark."""
+    """Pages that are verified together: one, or the sheets of a tiled landmark."""
 
     numbers: tuple[int, ...]
     pages: tuple[Page, ...]
 
 
 def prove_pages(pdf: bytes, pages: Sequence[Page]) -> None:
-    """Read every landmark of the PDF where its page says it stands.
+    """Read every landmark of the PDF at its nominal place on the page.
 
     Raises:
-        LmkitError: one does not read, is not where it should be, or its white margin is not white: a
-            fault of lmkit, and nothing to print.
+        LmkitError: a landmark is not read, is not at its place, or its white margin is not white: an
+            internal error; the file must not be printed.
     """
     jobs = [_Job((n,), (page,)) for n, page in enumerate(pages) if page.faces and page.window is None]
     tiles = [(n, page) for n, page in enumerate(pages) if page.window is not None]
@@ -60,7 +60,7 @@ def prove_pages(pdf: bytes, pages: Sequence[Page]) -> None:
 
 
 def _first_problem(pdf: bytes, jobs: Sequence[_Job]) -> str | None:
-    """The first thing that is wrong with these pages, or None."""
+    """The first problem of these pages, or None."""
     document = pypdfium2.PdfDocument(pdf)
     try:
         for job in jobs:
@@ -77,7 +77,7 @@ def _problem(document: pypdfium2.PdfDocument, job: _Job) -> str | None:
     (page,) = job.pages
     smallest_mm = min(face.size_mm for face in page.faces)
     problem = None
-    # Rounding to pixels can shift a corner beyond the tolerance at one resolution, an error of the drawing at both.
+    # Rounding to pixels can exceed the tolerance at one resolution; an error of the drawing exceeds it at both.
     for finer in (1, 2):
         image, per_mm = _raster(document, job.numbers[0], page, smallest_mm / finer)
         found = (_face_problem(image, per_mm, page, face) for face in page.faces)
@@ -88,7 +88,7 @@ def _problem(document: pypdfium2.PdfDocument, job: _Job) -> str | None:
 
 
 def _raster(document: pypdfium2.PdfDocument, number: int, page: Page, size_mm: float) -> tuple[ByteArray, FloatArray]:
-    """A page as it will look (mirrored back), and its pixels per mm in x and y."""
+    """Image of a page (without mirroring), and its pixels per mm in x and y."""
     dpi = min(SIDE_PX / size_mm, MOST_PX / max(page.size_mm)) * MM_PER_INCH
     image, exact = raster_page(document[number], dpi, FINER)
     if page.mirrored:
@@ -100,7 +100,7 @@ def _face_problem(image: ByteArray, per_mm: FloatArray, page: Page, face: Printe
     corners = _corners_mm(page, face) * per_mm - 0.5
     if page.mirrored:
         corners[:, 0] = image.shape[1] - 1 - corners[:, 0]
-    # Room around, for landmarks whose white margin ends with the paper.
+    # Extra white, for landmarks whose white margin ends at the paper's edge.
     pad = 40
     padded = np.pad(image, ((pad, pad), (pad, pad), (0, 0)), constant_values=255)
     side = float(np.linalg.norm(corners[1] - corners[0]))
@@ -122,7 +122,7 @@ def _face_problem(image: ByteArray, per_mm: FloatArray, page: Page, face: Printe
     high_x, high_y = expected.max(axis=0)
     away = np.maximum(np.maximum(low_x - x, x - high_x), np.maximum(low_y - y, y - high_y))
     margin_px = (face.reach_mm / face.size_mm - 0.5) * side
-    # Pixels shared with the border or with what lies behind the margin are left out.
+    # Pixels shared with the border or with the area outside the margin are ignored.
     if (part[(away > 1.0) & (away < margin_px - 1.2)] < PAPER_WHITE).any():
         return f"the white margin of {name} is not white"
     return None
@@ -138,7 +138,7 @@ def _corners_mm(page: Page, face: PrintedFace) -> FloatArray:
 
 
 def _tiles_problem(document: pypdfium2.PdfDocument, job: _Job) -> str | None:
-    """Lay the sheets together by their overlaps, later ones on top, and read the whole."""
+    """Join the sheets by their overlaps, later ones on top, and read the whole landmark."""
     face = job.pages[0].faces[0]
     whole_mm = 2 * face.reach_mm
     scale = SIDE_PX / face.size_mm
@@ -148,7 +148,7 @@ def _tiles_problem(document: pypdfium2.PdfDocument, job: _Job) -> str | None:
         image, per_mm = _raster(document, number, page, face.size_mm)
         left, top, right, bottom = page.window
         x, y = page.faces[0].centre_mm
-        # Every pixel of the canvas whose middle this sheet shows.
+        # Every pixel of the canvas whose center is on this sheet.
         ticks = (np.arange(len(canvas)) + 0.5) / scale - face.reach_mm
         columns = np.flatnonzero((ticks + x >= left) & (ticks + x < right))
         rows = np.flatnonzero((ticks + y >= top) & (ticks + y < bottom))
@@ -160,7 +160,7 @@ def _tiles_problem(document: pypdfium2.PdfDocument, job: _Job) -> str | None:
     seen = read_marker_at(canvas, corners, face.family)
     if seen is None or seen.decoding.code != face.code:
         return f"the sheets of code {face.code}, laid together, do not read"
-    # Each sheet is drawn with its own rounding, by up to a pixel.
+    # Each sheet is rounded separately, by up to a pixel.
     if float(np.abs(seen.corners - corners).max()) > 1.0:
         return f"the sheets of code {face.code}, laid together, are off"
     return None

@@ -1,4 +1,4 @@
-"""The scale of a photographed print, from something of known size in its plane: the sheet itself, or a bank card."""
+"""The scale of a photographed print, from an object of known size in its plane: the sheet itself, or a bank card."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from lmkit.verification.sheet_edges import is_sheet, sheet_quads
 
 CARD_MM = (85.60, 53.98)  # ISO/IEC 7810, ID-1
 REFERENCES_MM = {"bank card": CARD_MM} | {name: size for name, size in PAPERS_MM.items() if "-" not in name}
-NEAR = 0.105  # prints further from their scale than this are not recognized; papers of one shape differ by 1.41
-UNEQUAL = 0.03  # and its x and y do not differ by more
+NEAR = 0.105  # largest relative error of a print's scale; papers of the same shape differ by a factor of 1.41
+UNEQUAL = 0.03  # largest difference between its scales in x and y
 CROOKED_DEG = 1.0
-REACH_PX = 5.0  # on both sides of an outline, in which its edge is looked for
-SURE_REACH_PX = 3.0  # where the edges of a sheet were gathered
+REACH_PX = 5.0  # on both sides of an outline, to search for its edge
+SURE_REACH_PX = 3.0  # for sheets whose edges were found directly
 PROFILES = 60  # along each side
-NEAR_PX = 0.7  # of a line, to lie on it
+NEAR_PX = 0.7  # largest distance from a line
 AGREED = 0.5  # share of a side's profiles
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Something of known size that lies in the print's plane.
+    """Object of known size in the print's plane.
 
     Attributes:
-        name: what it is.
+        name: name of the object.
         stretch: (x, y) true mm for one mm of the landmark's nominal drawing.
     """
 
@@ -48,8 +48,8 @@ def find_reference(
     Args:
         image: (H,W,3) BGR.
         corners: (4,2) of the landmark, px.
-        nominal_mm: what its side should measure.
-        papers_mm: sizes of sheets that are known from the print's manifest.
+        nominal_mm: nominal side of the landmark.
+        papers_mm: sizes of sheets from the print's manifest.
     """
     half = nominal_mm / 2
     face = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])
@@ -75,8 +75,8 @@ def find_reference(
 
 
 def _match(mm: FloatArray, size: tuple[float, float]) -> tuple[float, tuple[float, float]] | None:
-    """(how crooked and unequal, stretch) where the quad, in the landmark's mm, is a rectangle of about this size."""
-    mm = np.roll(mm, -int(np.argmin(mm @ [1.0, -1.0])), axis=0)  # from the top left one
+    """(deviation, stretch) if the quad, in the landmark's mm, is nearly a rectangle of this size; else None."""
+    mm = np.roll(mm, -int(np.argmin(mm @ [1.0, -1.0])), axis=0)  # start at the top left
     edges = np.roll(mm, -1, axis=0) - mm
     lengths = np.linalg.norm(edges, axis=1)
     width, height = (lengths[0] + lengths[2]) / 2, (lengths[1] + lengths[3]) / 2
@@ -91,12 +91,12 @@ def _match(mm: FloatArray, size: tuple[float, float]) -> tuple[float, tuple[floa
         or abs(stretch[0] / stretch[1] - 1) > UNEQUAL
     ):
         return None
-    # Turned against the landmark, its sides are not the landmark's axes.
+    # If it is rotated relative to the landmark, its sides are not along the landmark's axes.
     turned = float(np.degrees(abs(np.arctan2(edges[0, 1], edges[0, 0]))))
     if turned > 3.0:
         mean = (stretch[0] + stretch[1]) / 2
         stretch = (mean, mean)
-    # Of two outlines that share sides, the one that stretches x and y alike is the sheet's.
+    # Of two outlines with common sides, the sheet's has the more equal scales in x and y.
     return crooked + 100 * uneven + 50 * abs(stretch[0] / stretch[1] - 1), stretch
 
 
@@ -112,7 +112,7 @@ def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
     for mask in masks:
         contours, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         for contour, parent in zip(contours, tree[0, :, 3] if len(contours) else [], strict=True):
-            # Holes are outlines of the other mask.
+            # Holes are outlines in the other mask.
             if parent >= 0 or len(contour) < 4 * least_px:
                 continue
             hull = cv2.convexHull(contour)
@@ -127,9 +127,9 @@ def _quads(image: ByteArray, least_px: float) -> list[FloatArray]:
 
 
 def _fitted(light: FloatArray, quad: FloatArray, reach: float = REACH_PX) -> FloatArray | None:
-    """The quad with its sides moved to where brightness changes most, in linear light; None where it does not.
+    """The quad with its sides moved to the steepest change of linear brightness; None if there is no clear change.
 
-    What lies behind a sheet does not move its edge: each side is the line that most profiles agree on.
+    Each side is the line on which most profiles agree, so the background of a sheet does not shift its edge.
     """
     x, y = quad.T
     if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
@@ -171,7 +171,7 @@ def _steepest(seen: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _agreed_line(shares: FloatArray, place: FloatArray, step: FloatArray) -> tuple[float, float] | None:
-    """(slope, offset) of the line on which most of the profiles' edges lie, or None where few do."""
+    """(slope, offset) of the line on which most of the profiles' edges lie, or None if few do."""
     clear = step > 0.25 * np.quantile(step, 0.75)
     i, j = np.triu_indices(len(shares), len(shares) // 3)
     slopes = (place[j] - place[i]) / (shares[j] - shares[i])

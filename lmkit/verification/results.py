@@ -16,7 +16,7 @@ SMALL_PX = 800  # images whose longer side is shorter are drawn twice as large
 
 
 def print_dict(item: PrintedLandmark, passes: bool) -> dict[str, Any]:
-    """One graded landmark as docs/formats.md has it."""
+    """The JSON result of one graded landmark (docs/formats.md)."""
     seen = item.observation
     lines = {
         line.name: {"value": line.value, "grade": line.grade, "advice": line.advice or None} for line in item.lines
@@ -44,7 +44,7 @@ def print_lines(item: PrintedLandmark, in_full: bool, color: bool) -> list[str]:
     """One graded landmark as lines of text.
 
     Args:
-        in_full: with a line for every property graded.
+        in_full: with a line for every graded property.
         color: with ANSI colors for the grades.
     """
     seen, size = item.observation, _size(item, "size not measured (use a ruler)")

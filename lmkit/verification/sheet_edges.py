@@ -1,8 +1,8 @@
-"""The sheet around a landmark by its four edges, on backgrounds that no threshold separates from it.
+"""The sheet around a landmark from its four edges, for backgrounds that no threshold separates from the sheet.
 
 The landmark gives the plane, so the sheet's edges run along its axes at unknown distances.  Steps in
-brightness are gathered along lines on each side of the landmark; four of them that make a known sheet
-are fitted to the image, and must hold over their whole length with white paper inside.
+brightness are searched along lines on each side of the landmark; four of them that form a known sheet
+are fitted to the image, and must be visible over their whole length, with white paper inside.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from lmkit.geometry.homography import transform_points
 
 OUTWARDS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])  # left, right, top, bottom
 ROWS = 40
-FARTHEST = 5.0  # sides of the landmark, from its middle
+FARTHEST = 5.0  # sides of the landmark, from its center
 SLOPES = np.tan(np.deg2rad(np.arange(-1.8, 1.81, 0.3)))
 STEP_PX = 3  # on both sides of an edge
-FULL_STEP = 0.15  # of white: as good as any
+FULL_STEP = 0.15  # of white: larger steps get no more support
 LEAST_SUPPORT = 0.25
 EDGES, QUADS = 10, 16
 PARALLEL = np.tan(np.deg2rad(1.0))
-WHITE = (0.55, 1.6)  # of the white beside the border, under an uneven light
-WHITE_SHARE = 0.8  # of a side's inner rim; rulers and texts stand there as well
+WHITE = (0.55, 1.6)  # of the white beside the border, for uneven light
+WHITE_SHARE = 0.8  # of the strip inside a side, where rulers and texts may be printed
 RIM_PX = (2.0, 2.75, 3.5)  # on both sides of an edge
-LEAST_STEP = 0.08  # of white, from paper to what is behind
-OTHER_SHARE = 0.75  # of a side, along which it is found; a ruler takes up to 0.7
+LEAST_STEP = 0.08  # of white, from the paper to the background
+OTHER_SHARE = 0.75  # least visible share of a side; a ruler covers up to 0.7
 
 
 @dataclass(frozen=True)
 class _Edge:
-    """A straight step at a distance from the landmark's middle (mm), with its slope and support 0..1."""
+    """A straight step at a distance from the landmark's center (mm), with its slope and support 0..1."""
 
     at: float
     slope: float
@@ -51,7 +51,7 @@ def sheet_quads(
         light: (H,W) linear brightness.
         to_px: (3,3) from the landmark's plane, mm, to the image.
         sheets_mm: (width, height) of the sheets looked for.
-        off: how far a print may be from its scale.
+        off: largest relative error of a print's scale.
     """
     white = _white(light, to_px, half_mm)
     left, right, top, bottom = (_edges(light, to_px, half_mm, n, white) for n in OUTWARDS)
@@ -71,7 +71,7 @@ def sheet_quads(
 
 
 def is_sheet(light: FloatArray, to_px: FloatArray, half_mm: float, quad: FloatArray) -> bool:
-    """Whether a quad (px) has paper as white as around the border just inside of all four sides, and none outside.
+    """Whether a quad (px) has paper as white as around the border just inside all four sides, and no paper outside.
 
     Lines printed along the sheet, such as rulers and crop marks, have paper on both sides.
     """
@@ -108,11 +108,11 @@ def _white(light: FloatArray, to_px: FloatArray, half_mm: float) -> float:
 
 
 def _edges(light: FloatArray, to_px: FloatArray, half: float, n: FloatArray, white: float) -> list[_Edge]:
-    """Steps outward of one side of the landmark, best first."""
+    """Steps outside one side of the landmark, best first."""
     t = np.array([-n[1], n[0]])
     rim = transform_points(to_px, np.array([n * half, n * half * 1.02]))
     per_mm = float(np.linalg.norm(rim[1] - rim[0])) / (0.02 * half)
-    # Perspective makes pixels of other sizes farther out; half a pixel here is fine enough there.
+    # Perspective changes the size of pixels with distance; steps of half a pixel here are fine enough farther out.
     distances = np.arange(half * 1.05, FARTHEST * 2 * half, 0.5 / per_mm)
     rows = np.linspace(-0.95, 0.95, ROWS) * half
     points = distances[None, :, None] * n + rows[:, None, None] * t
@@ -125,7 +125,7 @@ def _edges(light: FloatArray, to_px: FloatArray, half: float, n: FloatArray, whi
     sums = np.cumsum(np.pad(seen, ((0, 0), (1, 0))), axis=1)
     means = (sums[:, step:] - sums[:, :-step]) / step
     change = np.abs(means[:, step:] - means[:, :-step]) / white
-    # Half for being a step at all, half for how high it is: the highest is where the edge lies.
+    # Support: half for a step, half for its height; the highest step is the edge.
     response = (np.clip(change / FULL_STEP, 0, 1) + np.clip(change, 0, 1)) / 2
     at = distances[step - 1 : step - 1 + response.shape[1]] + 0.25 / per_mm
     pitch = 0.5 / per_mm
