@@ -1,4 +1,4 @@
-"""Family + code -> filled paths in millimeters, the drawing that every output format shares."""
+"""Drawing of a family and code as filled paths in millimeters, common to all output formats."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class FilledPath:
     """A shape filled by the even-odd rule.
 
     Attributes:
-        role: what it is: ``margin``, ``border``, ``ground``, ``ring``, ``triangle``, ``cell`` or ``mark``.
+        role: kind of shape: ``margin``, ``border``, ``ground``, ``ring``, ``triangle``, ``cell`` or ``mark``.
         color: sRGB fill.
         commands: closed subpaths, mm.
     """
@@ -124,7 +124,7 @@ def _on_circle(radius: float, angle_deg: float) -> Point:
 
 
 def _arc(radius: float, start_deg: float, end_deg: float) -> tuple[Command, ...]:
-    """Cubic Béziers of at most 30 degrees: off the true circle by less than 1e-6 of the radius."""
+    """Cubic Béziers of at most 30 degrees: error below 1e-6 of the radius."""
     pieces = math.ceil(abs(end_deg - start_deg) / 30.0)
     step = math.radians((end_deg - start_deg) / pieces)
     reach = 4 / 3 * math.tan(step / 4) * radius

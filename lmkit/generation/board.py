@@ -1,4 +1,4 @@
-"""A calibration board -> one true-scale page."""
+"""One true-scale page with a calibration board."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LABEL_MM = 9.0
 def compose_board_page(board: BoardSpec, paper: str = "a4") -> Page:
     """The board with a white rim and a label line.
 
-    The page is the paper, upright or across, if the board fits on it, else as large as the board
+    The page is the paper, portrait or landscape, if the board fits on it, else as large as the board
     needs, for a print shop.
 
     Args:
@@ -69,7 +69,7 @@ def largest_that_fits(board: BoardSpec, paper: str) -> str:
 
 
 def _rim_mm(board: BoardSpec) -> float:
-    """Width of the small squares that stand around an AprilGrid's tags."""
+    """Width of the small squares around an AprilGrid's tags."""
     return board.gap_mm if board.kind == "aprilgrid" else 0.0
 
 
@@ -100,7 +100,7 @@ def _landmark_faces(board: BoardSpec, x0: float, y0: float) -> tuple[PrintedFace
 
 
 def _chessboard_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:
-    """Row and column parity 0 is black, as in OpenCV's own board."""
+    """Squares whose row plus column is even are black, as in OpenCV's board."""
     columns, rows = board.squares
     side = board.square_mm
     return [
@@ -111,9 +111,9 @@ def _chessboard_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath
 
 
 def _charuco_items(board: BoardSpec, x0: float, y0: float) -> list[FilledPath | Text]:
-    """Squares and markers as rectangles, read off OpenCV's own drawing of the board.
+    """Squares and markers as rectangles, from OpenCV's own drawing of the board.
 
-    Every cell of the drawing is a whole number of pixels, so nothing is lost in reading it.
+    Every cell of the drawing is a whole number of pixels, so the rectangles are exact.
     """
     dictionary = charuco_dictionary(board)
     cells = dictionary.markerSize + 2

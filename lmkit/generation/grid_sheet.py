@@ -12,7 +12,7 @@ from lmkit.model.families import MarkerFamily
 EDGE_MM = 5.0  # the printer's blank edge
 MARKS_MM = MARK_GAP_MM + MARK_LENGTH_MM + 0.2  # crop marks beside a white margin
 GAP_MM = 6.0  # between two white margins: crop marks, and the caption below a landmark
-CUT_BELOW_MM = 4.5  # cut lines where there is no space for crop marks: below the caption
+CUT_BELOW_MM = 4.5  # cut lines below the caption if there is no space for crop marks
 CAPTION_MM = 3.0
 RULER_LEFT_MM, RULER_BELOW_MM = 5.5, 10.5  # bands for the rulers
 SHORTEST_RULER_MM, LONGEST_RULER_MM = 50, 300
@@ -25,9 +25,9 @@ class _Grid:
     Attributes:
         paper: a key of ``PAPERS_MM``.
         whole_mm: side of a landmark with its white margin.
-        margin_mm: width of that margin.
-        has_marks: crop marks around each landmark; else cut lines between them, and white margins up to the edge.
-        has_rulers: rulers at the left and below.
+        margin_mm: width of this margin.
+        has_marks: whether landmarks have crop marks; else cut lines, and white margins up to the edge of the paper.
+        has_rulers: whether there are rulers at the left and below.
     """
 
     paper: str
@@ -39,7 +39,7 @@ class _Grid:
     @property
     def start_mm(self) -> tuple[float, float]:
         """Left and upper end of the space for white margins."""
-        # Nothing is printed in a white margin: it may lie in the printer's blank edge.
+        # A white margin may overlap the printer's blank edge, since nothing is printed in it.
         edge = EDGE_MM + MARKS_MM if self.has_marks else max(0.0, EDGE_MM - self.margin_mm)
         return edge + RULER_LEFT_MM * self.has_rulers, edge
 
@@ -105,9 +105,9 @@ class _Grid:
 
 
 def grid_template(family: MarkerFamily, paper: str, size_mm: float) -> PageTemplate | None:
-    """The sheet, upright or across, that holds most landmarks; None if the paper holds none.
+    """The sheet, portrait or landscape, with most landmarks; None if no landmark fits.
 
-    Rulers and crop marks are there if they do not cost a landmark.
+    Rulers and crop marks are added if they do not reduce the number of landmarks.
 
     Args:
         paper: a key of ``PAPERS_MM``, upright.

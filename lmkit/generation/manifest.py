@@ -1,4 +1,4 @@
-"""Pages -> the manifest of what they hold."""
+"""The manifest of pages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lmkit.version import __version__
 
 
 def manifest_of(pages: Sequence[Page], template: str) -> PrintManifest:
-    """The manifest of pages: which landmark is printed where."""
+    """The manifest of pages: every landmark and its place."""
     entries = tuple(
         PrintedEntry(
             page=number,

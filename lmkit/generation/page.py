@@ -1,4 +1,4 @@
-"""A true-scale sheet: paths and texts on paper, and where its landmarks stand.
+"""A true-scale sheet: paths and texts on paper, and the places of its landmarks.
 
 Page coordinates are millimeters from the top left corner of the paper, x right, y down.
 """
@@ -41,9 +41,9 @@ class PrintedFace:
     """One landmark on a page.
 
     Attributes:
-        size_mm: over the border's outer edges, as it should measure.
+        size_mm: nominal size over the border's outer edges.
         centre_mm: its middle on the page.
-        upside_down: turned by half.
+        upside_down: whether it is rotated by 180 degrees.
     """
 
     family: MarkerFamily
@@ -86,11 +86,11 @@ class Page:
     Attributes:
         size_mm: (width, height) of the paper.
         items: paths and texts, back to front.
-        title: what the sheet is, in one line.
+        title: description of the sheet in one line.
         faces: the landmarks among the items.
-        window, windowed: a box, and paths of which only what lies inside it is drawn, under the items.
+        window, windowed: a box, and paths that are clipped to it and drawn under the items.
         mirrored: left and right are swapped when it is printed.
-        stretch: factors in x and y, about the paper's middle, that make up for what the printer does.
+        stretch: factors in x and y, about the paper's center, that compensate the printer's scale errors.
     """
 
     size_mm: tuple[float, float]
@@ -135,7 +135,7 @@ def item_box(item: Item) -> Box:
 
 
 def overlap(a: Box, b: Box) -> bool:
-    """Do two boxes share more than an edge?"""
+    """Whether two boxes share more than an edge."""
     slack = 1e-6
     return a[0] < b[2] - slack and b[0] < a[2] - slack and a[1] < b[3] - slack and b[1] < a[3] - slack
 

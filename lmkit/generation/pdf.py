@@ -1,4 +1,4 @@
-"""Pages -> vector PDF of exact size; the only room that knows reportlab."""
+"""Vector PDF of pages in exact size; the only module that uses reportlab."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from lmkit.model.palette import BLACK, BLUE, RED, Rgb
 from lmkit.units import POINTS_PER_MM
 from lmkit.version import __version__
 
-rl_config.useA85 = 0  # pages as they are compressed: a fifth smaller than as text, and reportlab encodes slowly
+rl_config.useA85 = 0  # binary instead of ASCII85 streams: a fifth smaller, and reportlab's encoder is slow
 
-# The usual process recipes of the two inks; other colors are converted plainly.
+# The usual process colors of the two inks; other colors are converted by the simple formula.
 CMYK = {RED: (0.0, 1.0, 1.0, 0.0), BLUE: (1.0, 0.75, 0.0, 0.0), BLACK: (0.0, 0.0, 0.0, 1.0)}
 Item = FilledPath | Text
 CUT_CONTOUR = CMYKColorSep(0, 1, 0, 0, spotName="CutContour", density=1)
@@ -47,7 +47,7 @@ def pages_to_pdf(pages: Iterable[Page], title: str, keywords: str = "", cmyk: bo
         canvas.setPageSize((width, height))
         canvas.translate(0, height)
         canvas.scale(POINTS_PER_MM, -POINTS_PER_MM)
-        # The page's middle stays where it is.
+        # The page's center does not move.
         (x0, y0), (x1, y1) = page.on_paper((0.0, 0.0)), page.on_paper((1.0, 1.0))
         canvas.transform(x1 - x0, 0, 0, y1 - y0, x0, y0)
         if page.window is not None:
@@ -64,9 +64,9 @@ def pages_to_pdf(pages: Iterable[Page], title: str, keywords: str = "", cmyk: bo
 
 
 def _draw(canvas: Canvas, item: Item, cmyk: bool, drawn: dict[Item, list[str]]) -> None:
-    """Draw an item, or take over what it was drawn by before: sheets of a set share rulers, marks and most texts.
+    """Draw an item, or reuse its earlier drawing: sheets of a set share rulers, marks and most texts.
 
-    A line of a spot color is drawn anew on each page, since that is what lists the color among the page's resources.
+    A line in a spot color is drawn again on each page, which adds the color to the page's resources.
     """
     known = None if is_spot_color(item) else drawn.get(item)
     if known is not None:

@@ -1,4 +1,4 @@
-"""A page -> PNG with its resolution written in; rasterized from the PDF, so that all formats agree."""
+"""PNG of a page, with its resolution; rasterized from the PDF, so that all formats agree."""
 
 from __future__ import annotations
 

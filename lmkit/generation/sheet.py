@@ -1,4 +1,4 @@
-"""Landmarks by template: codes in, pages out, and a plain word where something is in the way."""
+"""Pages of landmarks from codes and a template, with plain errors if something does not fit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LM8, LandmarkFamily
 
 CONTENTS_COLUMNS = 8
-FITTING = ("landmark_too_large", "overlap", "outside")  # errors that a smaller landmark may not have
+FITTING = ("landmark_too_large", "overlap", "outside")  # errors that a smaller landmark may avoid
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ def compose_sheets(
     """All sheets for these codes, in order.
 
     Args:
-        size_mm: of the landmarks; the template's own where it is None.
-        mirrored: as the template says, or if this is set.
-        stretch: what the drawing is multiplied by in x and y, to make up for the printer.
+        size_mm: of the landmarks; None: the template's own.
+        mirrored: mirror the sheets even if the template does not.
+        stretch: factors of the drawing in x and y that compensate the printer.
 
     Raises:
         InputError: a landmark does not fit, parts overlap or reach into the printer's margin, or a code
-            is none of the family's.
+            is not in the family.
     """
     size = size_mm or usual_size_mm(family, template)
     mirrored = mirrored or template.mirrored
@@ -162,7 +162,7 @@ def _filled_in(line: TextLine, faces: tuple[PrintedFace, ...], wording: Wording,
 
 
 def usual_size_mm(family: MarkerFamily, template: PageTemplate) -> float:
-    """The template's own size, less for families whose white margin is wider than a ring landmark's."""
+    """The template's own size; smaller for families with a wider white margin than ring landmarks."""
     rings, own = (1 + 2 * f.margin_mm / f.side_mm for f in (LM8, family))
     return template.size_mm if own <= rings else float(math.floor(template.size_mm * rings / own))
 
@@ -188,7 +188,7 @@ def largest_mm(family: MarkerFamily, template: PageTemplate) -> float:
     """The largest landmark that fits between the template's places and the paper's edges."""
     width, height = template.page_mm
     free = min(min(x, y, width - x, height - y) for x, y in (place.centre_mm for place in template.all_places))
-    # The white margin may lie where the printer cannot print: nothing is printed there.
+    # The white margin may overlap the printer's blank edge, since nothing is printed in it.
     by_margin = (free - template.bleed_mm) / (0.5 + family.margin_mm / family.side_mm)
     return min(by_margin, 2 * (free - template.printer_margin_mm))
 
@@ -222,7 +222,7 @@ def _check_parts(around: list[Part], faces: tuple[PrintedFace, ...], template: P
                 "that printers leave blank",
                 "move it inward, or lower printer_margin_mm if your printer can do more",
             )
-        # A frame around the margin covers it only as a box.
+        # The bounding box of a frame covers the margin, but the frame does not.
         if part.name != "cut contour" and any(_touches(part, face.margin_box) for face in faces):
             raise InputError(
                 "overlap",
@@ -239,12 +239,12 @@ def _check_parts(around: list[Part], faces: tuple[PrintedFace, ...], template: P
 
 
 def _touches(part: Part, box: Box) -> bool:
-    """Item by item: marks stand on all sides of a landmark."""
+    """Compared item by item, since marks are on all sides of a landmark."""
     return overlap(part.box, box) and any(overlap(item_box(item), box) for item in part.items)
 
 
 def contents_pages(pages: Sequence[Page], template: PageTemplate) -> list[Page]:
-    """Contents pages: every landmark small, with its code and page number."""
+    """Contents pages: every landmark at small size, with its code and page number."""
     width, height = template.page_mm
     edge = max(template.printer_margin_mm, 12.0)
     step = (width - 2 * edge) / CONTENTS_COLUMNS

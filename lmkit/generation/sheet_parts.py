@@ -12,7 +12,7 @@ from lmkit.units import MM_PER_INCH
 
 LINE_MM = 0.25
 THIN_MM = 0.2
-CHECK_SQUARE_MM = 2 * MM_PER_INCH  # two inches: whole in one unit, and 50.8 in the other
+CHECK_SQUARE_MM = 2 * MM_PER_INCH  # two inches: 50.8 mm
 MARK_LENGTH_MM = 4.0
 MARK_GAP_MM = 0.8  # between a white margin and the marks around it
 PATCH_MM = 9.0
@@ -32,10 +32,10 @@ PATCHES: tuple[Rgb, ...] = (
 
 @dataclass(frozen=True)
 class Part:
-    """Something on the sheet that has a name, for messages, and must keep clear of the others.
+    """Part of a sheet with a name for messages; parts must not overlap.
 
     Attributes:
-        alone: nothing else may overlap it; marks may.
+        alone: whether it must not overlap other such parts; False for marks and lines.
     """
 
     name: str
@@ -75,7 +75,7 @@ def ruler(start: Point, length_mm: int, vertical: bool, slim: bool = False) -> P
     items.append(bar(0, 0, length_mm, LINE_MM))
     for mm in range(0, length_mm + 1, 5):
         tick = scale * (2.6 if mm % 50 == 0 or mm == length_mm else 1.8 if mm % 10 == 0 else 1.1)
-        # The end ticks lie inside, so that the ruler's ends are edges and not middles of lines.
+        # The end ticks are inside, so that the ruler's ends are edges of lines, not their centers.
         offset = 0.0 if mm == 0 else -THIN_MM if mm == length_mm else -THIN_MM / 2
         items.append(bar(mm + offset, 0, THIN_MM, tick))
         if mm % 50 == 0 and 0 < mm < length_mm - 15:
@@ -124,7 +124,7 @@ def patch_strip(at: Point, is_colored: bool) -> Part:
 
 @lru_cache(maxsize=64)
 def up_arrow(at: Point) -> Part:
-    """An arrow, and what it means."""
+    """An arrow with its meaning."""
     x, y = at
     right: list[Point] = [(x + 5, y), (x + 10, y + 6), (x + 6.5, y + 6), (x + 6.5, y + 12)]
     left: list[Point] = [(x + 3.5, y + 12), (x + 3.5, y + 6), (x, y + 6)]

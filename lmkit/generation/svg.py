@@ -1,4 +1,4 @@
-"""A page -> SVG of exact size, in millimeters."""
+"""SVG of a page in exact size, in millimeters."""
 
 from __future__ import annotations
 

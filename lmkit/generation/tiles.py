@@ -24,13 +24,13 @@ OVERLAP_MM = 10.0
 MAX_SHEETS = 400
 TICK_MM = 2.5
 WORD_MM = 3.2
-LOOK_MM = 400.0  # size, and px, at which a landmark is drawn to find sheets without any of it
+LOOK_MM = 400.0  # size, and px, of a drawing used to find empty sheets
 INK_BELOW = 250
 
 
 @dataclass(frozen=True)
 class _Tiling:
-    """How the landmark with its margin is cut into sheets.
+    """Division of a landmark with its margin into sheets.
 
     Attributes:
         paper: (width, height), mm.
@@ -55,9 +55,9 @@ class _Tiling:
 
 
 def compose_tiles(family: MarkerFamily, code: int, size_mm: float, paper: str) -> list[Page]:
-    """A plan, then the sheets row by row, T1, T2, ...; upright or across, whichever takes fewer.
+    """A plan, then the sheets row by row, T1, T2, ...; portrait or landscape, whichever needs fewer sheets.
 
-    Sheets on which nothing of the landmark is drawn are left out.
+    Sheets without any part of the landmark are omitted.
 
     Raises:
         InputError: more than ``MAX_SHEETS`` would be needed.
@@ -76,7 +76,7 @@ def compose_tiles(family: MarkerFamily, code: int, size_mm: float, paper: str) -
 
 
 def _sheet_names(face: PrintedFace, tiling: _Tiling) -> dict[tuple[int, int], str]:
-    """T1, T2, ... by row and column, of the sheets that show some of the landmark."""
+    """T1, T2, ... by row and column, for sheets with a part of the landmark."""
     small = bare_landmark_page(face.family, face.code, LOOK_MM)
     ink = np.asarray(page_to_image(small, MM_PER_INCH)).min(axis=2) < INK_BELOW
     scale = LOOK_MM / face.size_mm
@@ -105,7 +105,7 @@ def _sheet(face: PrintedFace, tiling: _Tiling, row: int, column: int, name: str)
     window: Box = (EDGE_MM, EDGE_MM, EDGE_MM + tiling.width, EDGE_MM + tiling.height)
     left, top, right, bottom = window
     items: list[FilledPath | Text] = []
-    # Where to cut (left and top, the sheet lies on its neighbors) and where the next sheet's edge comes.
+    # Cut lines (left and top, where the sheet covers its neighbors) and lines for the next sheet's edge.
     across = [(left, "cut" if column else "")]
     down = [(top, "cut" if row else "")]
     if column + 1 < tiling.columns:
@@ -132,7 +132,7 @@ def _title(face: PrintedFace) -> str:
 
 
 def _plan(face: PrintedFace, tiling: _Tiling, paper: str, names: Mapping[tuple[int, int], str]) -> Page:
-    """The landmark small, with the sheets' outlines and names, and what to do."""
+    """The landmark at small size, with the sheets' outlines and names, and instructions."""
     width, height = tiling.paper
     whole = tiling.columns * (tiling.width - OVERLAP_MM) + OVERLAP_MM
     tall = tiling.rows * (tiling.height - OVERLAP_MM) + OVERLAP_MM

@@ -23,7 +23,7 @@ from lmkit.visualization.overlay import side_by_side
 
 GOOD_EPIPOLAR_PX = 0.2
 FAIR_EPIPOLAR_PX = 0.5
-FAR_RATIO, MOST_NAMED = 12.0, 5  # over the median residual the loss leaves about 4 % of a corner's weight
+FAR_RATIO, MOST_NAMED = 12.0, 5  # ratio to the median residual: the loss leaves about 4 % of a corner's weight
 
 
 def calibration_report(
@@ -32,7 +32,7 @@ def calibration_report(
     """HTML report of a stereo calibration.
 
     Args:
-        images: left and right image by pair name, of the pairs to show.
+        images: left and right image of the pairs to show, by pair name.
     """
     parts = [
         f"<p>{escape(str(board))}, {len(result.used)} pairs used, {len(result.rejected)} rejected</p>",
@@ -58,7 +58,7 @@ def calibration_report(
 
 
 def calibration_summary(result: StereoCalibration) -> tuple[str, str, str]:
-    """Tone (``good``, ``fair``, ``poor``), headline and its reason; it follows the intervals, not the fit."""
+    """Tone (``good``, ``fair``, ``poor``), headline and its reason, from held-out errors and warnings."""
     error = result.held_out_epipolar_px
     if error is None:
         return (
@@ -69,7 +69,7 @@ def calibration_summary(result: StereoCalibration) -> tuple[str, str, str]:
     size = f"Held-out epipolar error: {error:.3f} px (mean)"
     loose = [warning.message for warning in result.warnings if warning.code in UNDETERMINED]
     if loose:
-        # A small error of the fit says nothing of what these views leave open.
+        # A small error of the fit does not show which parameters these views leave undetermined.
         return "poor", "Not determined by these views.", f"{size}, but {loose[0]}."
     contradicted = [w.message for w in result.warnings if w.code == "intrinsics_contradicted"]
     if contradicted:
@@ -226,7 +226,7 @@ def _residual_plots(result: StereoCalibration) -> str:
 
 
 def _far_corners(result: StereoCalibration) -> str:
-    """Corners that hardly count in the fit because they lie far from it, the farthest first; nothing if none do."""
+    """Corners with little weight in the fit because of large residuals, the largest first; empty if none."""
     far = []
     for view, residuals in zip(result.used, result.residuals, strict=True):
         for side, at, off in zip(("left", "right"), (view.left, view.right), residuals, strict=True):

@@ -35,7 +35,7 @@ _RAMP = np.array(
 
 
 def residual_scatter(left: FloatArray, right: FloatArray) -> str:
-    """(N,2) and (M,2) residuals of the two cameras as dots; half of them lie in the circle."""
+    """(N,2) and (M,2) residuals of the two cameras as dots, with a circle around half of them."""
     reach = max(0.2, float(np.percentile(np.abs(np.concatenate([left, right])), 99.5)))
     dots = []
     for points, color in ((left, LEFT), (right, RIGHT)):
@@ -67,7 +67,7 @@ def residual_arrows(at: FloatArray, residuals: FloatArray, size: tuple[int, int]
 
 
 def residual_histogram(left: FloatArray, right: FloatArray) -> str:
-    """How many residuals (one coordinate each) are how large, with the normal curve of the same middle spread."""
+    """Histogram of residuals (one coordinate each), with the normal curve of the same median absolute value."""
     reach = max(0.1, float(np.percentile(np.abs(np.concatenate([left, right])), 99)))
     edges = np.linspace(-reach, reach, 42)
     parts, peak = [], 1e-9
@@ -96,7 +96,7 @@ def residual_histogram(left: FloatArray, right: FloatArray) -> str:
 
 
 def heat_map(values: FloatArray, size: tuple[int, int], largest: float) -> str:
-    """(R,C) values over the image as colors from 0 to ``largest``, with some of them in figures."""
+    """(R,C) values over the image as colors from 0 to ``largest``, with some of them as numbers."""
     rows, columns = values.shape
     width, height = size
     cells, figures = [], []
@@ -148,7 +148,7 @@ def corner_cover(points: FloatArray, cells: BoolArray, size: tuple[int, int], co
 
 
 def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
-    """(P,2) tilts of the views; inside the square none of them helps to find the focal length."""
+    """(P,2) tilts of the views; views inside the square do not help to determine the focal length."""
     reach = max(50.0, float(np.abs(tilts_deg).max()) * 1.1 if len(tilts_deg) else 50.0)
     scale = 90 / reach
     inner = tilted_deg * scale
@@ -161,7 +161,7 @@ def tilt_plot(tilts_deg: FloatArray, tilted_deg: float) -> str:
         f"<rect x='{-inner:.1f}' y='{-inner:.1f}' width='{2 * inner:.1f}' height='{2 * inner:.1f}' fill='none' "
         f"stroke='{GRAY}' stroke-dasharray='3 3' stroke-width='.7'/>"
     )
-    # Beside the plot, where no view can lie under them.
+    # Beside the plot, where they cover no view.
     words = (
         svg_text(0, -100, "upper edge nearer", 8.5, "middle")
         + svg_text(0, 107, "lower edge nearer", 8.5, "middle")
@@ -232,11 +232,11 @@ def scene(
 
 
 def _frustum(camera: CameraModel, depth: float) -> FloatArray:
-    """(5,3) the camera and the corners of what it sees, at ``depth``, in its own frame."""
+    """(5,3) the camera center and the corners of its field of view at ``depth``, in its own frame."""
     width, height = camera.image_size
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1.0]])
     rays = camera.unproject(corners)
-    # Very wide lenses: corners that the model does not reach, or that lie too far aside to be drawn.
+    # Very wide lenses: corners outside the model's range, or too far to the side to be drawn.
     rays = np.where(
         camera.reaches(corners)[:, None], np.clip(rays, -1.5, 1.5), 1.2 * np.sign(corners - corners.mean(axis=0))
     )

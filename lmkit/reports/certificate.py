@@ -1,4 +1,4 @@
-"""One page of PDF a landmark: the image with the landmark marked, every line with its grade, the headline first."""
+"""One PDF page per landmark: the headline, the image with the landmark marked, and every line with its grade."""
 
 from __future__ import annotations
 

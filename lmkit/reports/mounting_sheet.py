@@ -1,4 +1,4 @@
-"""Sheets for mounting: each room with its landmarks, and distances from corners that a tape measure reaches; PDF."""
+"""Sheets for mounting: each room with its landmarks, and their distances from corners for a tape measure; PDF."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Row:
     """A line of the table.
 
     Attributes:
-        cells: texts of the columns; those of both corners as one, where a landmark is on no wall.
+        cells: texts of the columns; both corner columns are joined if a landmark is not on a wall.
         note: below the code, such as ``rotated 90° left``.
     """
 
@@ -61,8 +61,8 @@ def mounting_sheets(landmarks: LandmarkMap, floor: FloorPlan | None, name: str, 
     """The PDF: an overview of several rooms, then each room with a table of its landmarks.
 
     Args:
-        floor: None: positions are given in the map instead of along walls.
-        name: of the map, for the headings.
+        floor: floor plan; None: positions are given in the map instead of along walls.
+        name: name of the map, for the headings.
     """
     page_mm = load_template(paper).page_mm
     if floor is None:
@@ -120,7 +120,7 @@ def _room_pages(
     title: str,
     page_mm: tuple[float, float],
 ) -> list[Page]:
-    """A plan with the table below it; further pages hold the rest of the table."""
+    """A plan with the table below it; the table continues on further pages."""
     width, height = page_mm
     rows = [row for _, row in sorted((_row(m, floor, landmarks) for m in landmarks), key=lambda pair: pair[0])]
     top = MARGIN_MM + 19
@@ -149,7 +149,7 @@ def _lines_below_title(floor: FloorPlan | None, width: float) -> list[Item]:
 def _row(
     landmark: MappedLandmark, floor: FloorPlan | None, others: Sequence[MappedLandmark]
 ) -> tuple[tuple[str, float, str], Row]:
-    """The order of a row among others, and the row."""
+    """The sort key of a row, and the row."""
     T = landmark.T_map_landmark
     wall = None if floor is None else wall_of(floor, T.t, T.R[:, 2])
     label, z = _label(landmark, others), float(T.t[2])
@@ -166,7 +166,7 @@ def _row(
 
 
 def _turned(landmark: MappedLandmark, wall: Wall | None) -> str:
-    """How a landmark stands otherwise than upright and flat on its wall."""
+    """Note about a landmark that is not upright and flat on its wall."""
     R = landmark.T_map_landmark.R
     if np.hypot(R[0, 2], R[1, 2]) < 0.3:
         return ""

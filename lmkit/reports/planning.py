@@ -1,4 +1,4 @@
-"""Plans of a floor as images: the expected error, where landmarks are mounted, a route."""
+"""Plans of a floor as images: expected errors, mounted landmarks, a route."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BESIDE_M = 0.25  # distance of the letters A and B from the ends of a route
 def draw_coverage(
     floor: FloorPlan, landmarks: LandmarkMap, coverage: PoseCoverage, demand: Demand, kind: str = "png"
 ) -> bytes:
-    """The error to expect at every place, as colors; the bytes of a PNG or SVG file."""
+    """The expected error at every place, as colors; the bytes of a PNG or SVG file."""
     met = coverage.covered(demand)
     title = (
         f"Expected position error in the best {demand.headings:.0%} of headings; "
@@ -45,7 +45,7 @@ def draw_placement(floor: FloorPlan, placement: Placement) -> bytes:
 
 
 def draw_map(landmarks: LandmarkMap, floor: FloorPlan | None, name: str, kind: str = "png") -> bytes:
-    """Plan of a map with its walls and their names, where a floor is given; the bytes of a PNG or SVG file."""
+    """Plan of a map, with walls and their names if a floor is given; the bytes of a PNG or SVG file."""
     title = f"{name}: {len(landmarks)} landmarks"
     if floor is None:
         return draw_plan(landmarks, [], title=title, kind=kind)

@@ -22,7 +22,7 @@ from lmkit.visualization.plan_view import FILE_SIZE, PAGE_SIZE, PHONE_SIZE, Foun
 MOST_DRAWN = 60  # poses of a plan
 DRAWN_ON_PAGE, DRAWN_ON_PHONE = 40, 16  # poses of a plan in a report
 INSIDE = 0.95
-TOO_MANY_OUTSIDE = 0.15  # of frames beyond the band: the covariance claims too much
+TOO_MANY_OUTSIDE = 0.15  # share of frames outside the band: the covariance is too small
 
 
 def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]) -> str:
@@ -136,10 +136,10 @@ def draw_trajectory(
     """The map and some of the poses from above, as ``png`` or ``svg``.
 
     Args:
-        looking: (N) poses of a camera that looks where the robot does.
-        covariances: (N,6,6) of them.
+        looking: (N) poses of a camera with the viewing direction of the robot's heading.
+        covariances: (N,6,6) of these poses.
         size: of the drawing.
-        most: poses to draw.
+        most: largest number of drawn poses.
     """
     found = [
         Found(f"{times_s[k]:.1f} s", looking[k], covariances[k][:2, :2], sure[k])

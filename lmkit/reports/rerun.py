@@ -25,10 +25,10 @@ SEEN, SURE, UNSURE, UNCERTAIN = (237, 28, 36), (226, 120, 20), (140, 144, 150), 
 
 
 def require_rerun() -> None:
-    """Refuse early where the viewer's package is missing.
+    """Refuse early if the viewer's package is missing.
 
     Raises:
-        InputError: it is.
+        InputError: it is missing.
     """
     if find_spec("rerun") is None:
         raise InputError("no_rerun", "recordings need the package rerun-sdk", EXTRA.format("viewer"))
@@ -60,7 +60,7 @@ def track_recording(
     """A robot tracked through a map, as the bytes of an .rrd file.
 
     Args:
-        rig, frames: that saw the landmarks; None and none where ranges and bearings were read.
+        rig, frames: rig and frames of the recording; None and empty for ranges and bearings.
     """
     recording = _Recording("lmkit track")
     recording.landmarks(landmarks)
@@ -92,11 +92,11 @@ class _Recording:
         self._log("map", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
     def at(self, time_s: float) -> None:
-        """The time of what follows."""
+        """Set the time of the following entries."""
         self._rerun.set_time(TIMELINE, duration=float(time_s), recording=self._to)
 
     def landmarks(self, landmarks: LandmarkMap) -> None:
-        """Each as a flat box with its code, and the ellipsoid that holds its place with 95 %."""
+        """Each as a flat box with its code and the 95 % ellipsoid of its position."""
         mounted = list(landmarks)
         self._log(
             "map/landmarks",
@@ -125,7 +125,7 @@ class _Recording:
         self._ellipsoids("map/robot/uncertainty", [(looking.t, covariance[:3, :3])], static=False)
 
     def seen(self, frame: RigFrame, rig: AnyRig, T_map_left: Pose) -> None:
-        """The cameras, and the outlines of what they read in their images."""
+        """The cameras, and the outlines of the detections in their images."""
         poses = T_map_cameras(rig, T_map_left)
         for mounted, pose, seen in zip(mounted_cameras(rig), poses, frame.seen, strict=True):
             path, camera = f"map/cameras/{mounted.name}", mounted.model
@@ -141,7 +141,7 @@ class _Recording:
             self._log(f"{path}/read", self._rerun.LineStrips2D(outlines, labels=labels, colors=[SEEN] * len(seen)))
 
     def value(self, name: str, value: float) -> None:
-        """One of the curves."""
+        """One value of a curve."""
         self._log(name, self._rerun.Scalars(float(value)))
 
     def bytes(self) -> bytes:

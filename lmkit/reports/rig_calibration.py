@@ -216,7 +216,7 @@ def _frames(result: RigCalibration) -> str:
 
 
 def _of(mounted: MountedCamera, result: RigCalibration) -> str:
-    """Start of a caption: whose figure it is, where there are several cameras."""
+    """Start of a caption: name of the camera, if there are several."""
     return f"{escape(mounted.name)}. " if len(result.rig.cameras) > 1 else ""
 
 

@@ -19,7 +19,7 @@ from lmkit.visualization.labels import LabelPlacer, text_width
 RULE: Rgb = (96, 100, 106)
 PALE: Rgb = (232, 236, 240)
 SCALES = (10, 20, 25, 50, 75, 100, 150, 200, 250, 300, 400, 500, 750, 1000, 2000, 5000)
-UNITS_PER_MM = 5.0  # of the placer of labels, whose distances are meant for pixels
+UNITS_PER_MM = 5.0  # of the label placer, whose distances are in pixels
 WALL_MM, MARK_MM, LEAST_MARK_MM = 0.7, 1.3, 3.0
 CODE_MM, NAME_MM = 2.8, 3.2
 AROUND_M, BEYOND_M = 0.2, 0.15
@@ -33,11 +33,11 @@ def plan_items(
     box: Box,
     titles: Sequence[tuple[str, FloatArray]] = (),
 ) -> tuple[list[Item], float]:
-    """Items of a page, and where they end, mm from its top.
+    """Items of a page, and their lower end, mm from its top.
 
     Args:
-        room: only its walls and extent; None: the whole floor, or what the landmarks span.
-        box: where on the page, mm.
+        room: room to draw; None: the whole floor, or without a floor the extent of the landmarks.
+        box: box on the page, mm.
         titles: words at places of the map, meters.
     """
     walls, islands = _walls_of(floor, room), _islands_of(floor, room)
@@ -71,7 +71,7 @@ def plan_items(
 
 
 def _islands_of(floor: FloorPlan | None, room: Room | None) -> list[Island]:
-    """Drawn objects of the floor plan, such as tables, with their middle in the room."""
+    """Drawn objects of the floor plan, such as tables, whose center is in the room."""
     if floor is None:
         return []
     islands = [island for island in floor.islands if island.use == "obstacle"]
@@ -99,7 +99,7 @@ def _walls_of(floor: FloorPlan | None, room: Room | None) -> list[Wall]:
 
 
 def _cut(wall: Wall, low: FloatArray, high: FloatArray) -> Wall:
-    """The part of a wall that lies in a box, which it meets."""
+    """The part of a wall inside a box; the wall must cross the box."""
     shares = np.linspace(0.0, 1.0, 1001)
     points = wall.left + shares[:, None] * (wall.right - wall.left)
     inside = shares[((points >= low) & (points <= high)).all(axis=1)]
@@ -125,7 +125,7 @@ class _Drawing:
         return self.left + x, self.bottom - y
 
     def line(self, start: FloatArray, end: FloatArray, width_mm: float, color: Rgb) -> None:
-        """A line that words evade."""
+        """A line that words must not cover."""
         a, b = np.array(self.at(start)), np.array(self.at(end))
         along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
         side = width_mm / 2 * np.array([-along[1], along[0]])
@@ -168,7 +168,7 @@ class _Drawing:
         self.word(label, CODE_MM, [(float(p[0]), float(p[1])) for p in places], BLACK)
 
     def wall_name(self, wall: Wall) -> None:
-        """The name of a wall, in the room before it."""
+        """The name of a wall, on the side of the room."""
         out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
         places = [
             self.at(wall.left + share * (wall.right - wall.left) + off / self.per_m * out)
@@ -178,7 +178,7 @@ class _Drawing:
         self.word(wall.name, NAME_MM, places, RULE)
 
     def word(self, text: str, height: float, candidates: Sequence[tuple[float, float]], color: Rgb) -> None:
-        """A word at the best of several middles."""
+        """A word centered at the best of several places."""
         scaled = [(UNITS_PER_MM * x, UNITS_PER_MM * y) for x, y in candidates]
         (x, y), _ = self.labels.place(text, UNITS_PER_MM * height, scaled)
         at = (x / UNITS_PER_MM, y / UNITS_PER_MM + 0.36 * height)

@@ -12,7 +12,7 @@ from lmkit.visualization.html import GRAY, svg, svg_text
 
 MOST_DOTS = 3000
 SEEN, LEFT_OUT, OTHER = "#2f6fde", "#cf222e", "#e8833a"
-WIDTH, HEIGHT, ASIDE, BELOW = 330.0, 150.0, 46.0, 24.0  # narrow, so that the letters are readable on a phone
+WIDTH, HEIGHT, ASIDE, BELOW = 330.0, 150.0, 46.0, 24.0  # narrow, so that text is readable on a phone
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""HTML report of an estimated trajectory beside the true one."""
+"""HTML report of an estimated trajectory compared with the true one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def evaluation_report(error: TrajectoryError, names: tuple[str, str]) -> str:
     """HTML report: trajectories from above, errors over time, statistics, and the worst poses.
 
     Args:
-        names: of the true and of the estimated trajectory.
+        names: names of the true and the estimated trajectory.
     """
     off_m, off_rad = pose_errors(error.truth, error.estimate)
     times, mm, deg = error.truth.times_s, 1000 * off_m, np.rad2deg(off_rad)

@@ -1,7 +1,7 @@
-"""Kinds of cameras, each a distribution of imaging chains: what is tuned on some is reported on others.
+"""Kinds of cameras, each a distribution of imaging chains; some are for tuning, others for reported results.
 
-No kind is a certain product.  Each stands for a way of building and developing images that changes how the edges and
-colors of a landmark look.
+No kind is a particular product.  Each represents a type of sensor and image processing that changes the edges and
+colors of a landmark.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ BALANCE_LIMITS_K = (2500.0, 8000.0)
 
 @dataclass(frozen=True)
 class CameraKind:
-    """A kind of camera; a range is drawn from uniformly, a tuple of names by equal chance.
+    """A kind of camera; values are drawn uniformly from a range, names with equal probability.
 
     Attributes:
-        name: of the kind.
-        demosaics: methods of interpolation; empty for a sensor that sees three colors in every pixel.
+        name: name of the kind.
+        demosaics: methods of interpolation; empty for a sensor with three colors in every pixel.
         tones: tone curves.
         blur_px, corner_blur_px, lateral_color: of the lens.
         color_shift_px: length of the lens's color shift, in any direction.
-        full_well: electrons at full scale, drawn by its logarithm.
-        saturation, contrast, denoise, sharpen, sharpen_px: of the development.
+        full_well: electrons at full scale, drawn log-uniformly.
+        saturation, contrast, denoise, sharpen, sharpen_px: of the image processing.
         jpeg_quality: of the file; None for lossless ones.
         chroma: color sampling of the file.
     """
@@ -51,7 +51,7 @@ class CameraKind:
     chroma: str = "420"
 
     def draw(self, rng: np.random.Generator) -> ImagingChain:
-        """One camera of this kind in ordinary light, everything sharp and still."""
+        """One camera of this kind in ordinary light, in focus and without motion."""
         lens = Lens(
             blur_px=float(rng.uniform(*self.blur_px)),
             corner_blur_px=float(rng.uniform(*self.corner_blur_px)),
@@ -129,7 +129,7 @@ DOORBELL = CameraKind(
     sharpen=(0.0, 0.8),
     jpeg_quality=(70, 90),
 )
-TRAINING_KINDS = (INDUSTRIAL, THREE_CHIP, WEBCAM, WEBCAM, PHONE, PHONE)  # twice: as likely as two others
+TRAINING_KINDS = (INDUSTRIAL, THREE_CHIP, WEBCAM, WEBCAM, PHONE, PHONE)  # listed twice: twice as likely
 HELD_OUT_KINDS = (DASHCAM, DOORBELL)
 
 
@@ -139,12 +139,12 @@ def draw_chain(
     trouble: float = 0.5,
     image_size: tuple[int, int] | None = None,
 ) -> ImagingChain:
-    """A camera of one of the kinds, in light and motion that trouble it.
+    """A camera of one of the kinds, with random disturbances of light and motion.
 
     Args:
-        trouble: chance of each of: motion, defocus, dim light, light of another color, uneven light, a veil, a
-            hard shadow.
-        image_size: of the camera, for shadows; without it none falls.
+        trouble: probability of each disturbance: motion, defocus, dim light, light of another color, uneven light, a
+            veil, a hard shadow.
+        image_size: of the camera, for shadows; None: no shadows.
     """
     chain = kinds[int(rng.integers(len(kinds)))].draw(rng)
     motion, defocus, dim, warm, uneven, veiled, shaded = rng.random(7) < trouble

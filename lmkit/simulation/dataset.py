@@ -47,7 +47,7 @@ class Dataset:
 def make_dataset(
     seed: int, pairs: int, boards: int, landmarks: int, family: MarkerFamily, board: BoardSpec = BOARD
 ) -> Dataset:
-    """A room with a recording through it, and pairs of a board; everything drawn from the seed.
+    """A room with a recording and pairs of images of a board; everything is drawn from the seed.
 
     Raises:
         InputError: both cameras never see the whole board.
@@ -95,7 +95,7 @@ def description_files(data: Dataset) -> dict[str, str]:
 
 
 def truth(data: Dataset) -> dict[str, Any]:
-    """Every pose, and in every image every landmark whose four corners are in it."""
+    """Every pose, and for every image all landmarks with all four corners inside it."""
     pairs = []
     for index, pose in enumerate(data.poses):
         images = {side: _visible(data, pose, side) for side in ("left", "right")}
@@ -147,7 +147,7 @@ def _visible(data: Dataset, T_map_left: Pose, side: str) -> list[dict[str, Any]]
 
 
 def _in_front(camera: CameraModel, points: FloatArray) -> bool:
-    """Inside a generous cone: far outside it the distortion polynomial folds back into the image."""
+    """Whether points are inside a wide cone: far outside, the distortion polynomial folds back into the image."""
     rays = points[:, :2] / points[:, 2:]
     limit = np.array(camera.image_size) / camera.K[[0, 1], [0, 1]]
     return bool((np.abs(rays) < 0.75 * limit).all())

@@ -1,8 +1,8 @@
-"""Reflectances of paper and inks as printers make them of the file's colors.
+"""Reflectances of paper and inks in prints of the file's colors.
 
-The figures are typical CIELAB readings (D50 white scaled to the paper's) of the solid overprints,
+The values are typical CIELAB measurements (D50 white scaled to the paper's) of the solid overprints,
 rounded: offset after the aims of ISO 12647-2, the office printers and the faded print assumed paler.
-They stand for a spread of prints to test on, not for a certain machine.
+They represent a range of prints for tests, not a particular printer.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ ALL_INKS = {"offset": OFFSET, "inkjet": INKJET, "laser": LASER, "faded": FADED}
 
 
 def as_printed(texture: Float32Array, inks: PrintedInks) -> Float32Array:
-    """A texture in the file's colors, (h,w,3) linear RGB, in those of a print.
+    """A texture in the file's colors, (h,w,3) linear RGB, in the colors of a print.
 
-    White, red, blue and black go to the print's reflectances; blends between them, at edges, go
-    along: four points fix one affine map.
+    White, red, blue and black become the print's reflectances; mixed colors at edges follow by
+    the affine map of these four colors.
     """
     file = srgb_to_linear(np.array([WHITE, RED, BLUE, BLACK]) / 255)
     affine = np.linalg.solve(np.column_stack([file, np.ones(4)]), inks.reflectance)

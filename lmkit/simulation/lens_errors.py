@@ -1,4 +1,4 @@
-"""Lenses that are known as calibration leaves them: a smooth field of errors, the same in every image."""
+"""Lenses with typical errors of a calibration: a smooth field of errors, the same in every image."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.stereo_rig import StereoRig
 
-STEP = 1e-2  # a change so small that errors are in proportion to it
+STEP = 1e-2  # a change so small that errors are proportional to it
 
 
 def with_lens_errors(rig: AnyRig, error_px: float, seed: int) -> AnyRig:
-    """The rig with every lens off by so many pixels along each axis, root mean square over the image.
+    """The rig with an error of every lens: root mean square over the image, px along each axis.
 
     Examples:
         >>> from lmkit.simulation.scene import make_rig

@@ -1,6 +1,6 @@
-"""The color mosaic of a sensor and its interpolation: which color a pixel sees, and what the others become.
+"""The color mosaic of a sensor (one color per pixel) and the interpolation of the other colors.
 
-A demosaicer decides how edges look: bilinear interpolation leaves colored fringes along them, the linear filters of
+A demosaicer determines the appearance of edges: bilinear interpolation leaves colored fringes, the linear filters of
 Malvar, He and Cutler (ICASSP 2004) fewer, and an edge-aware one rounds corners.
 """
 
@@ -50,7 +50,7 @@ def check_mosaic(pattern: str, demosaic: str) -> None:
 
 
 def mosaic_of(image: FloatArray, pattern: str) -> FloatArray:
-    """(H,W) what the pixels of a mosaic see of (H,W,3) RGB."""
+    """(H,W) mosaic of (H,W,3) RGB: one color per pixel."""
     raw = np.empty(image.shape[:2])
     for k, color in enumerate(PATTERNS[pattern]):
         raw[k // 2 :: 2, k % 2 :: 2] = image[k // 2 :: 2, k % 2 :: 2, color]

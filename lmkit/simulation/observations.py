@@ -15,10 +15,10 @@ from lmkit.model.floor_plan import FloorPlan
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
 
-MOST_TILT = 0.35  # cosine of the steepest view that is still read, where noise is fixed
+MOST_TILT = 0.35  # cosine of the steepest view that is read, if the noise is fixed
 LEAST_SIDE_PX = 15.0
 NEAREST_M = 0.3
-FARTHEST_SIZES = 100.0  # beyond, no lens reads a landmark
+FARTHEST_SIZES = 100.0  # largest distance in sides; no lens shows a readable landmark beyond
 
 Seen = tuple[Detection, ...]
 
@@ -35,16 +35,16 @@ def look(
 
     Args:
         rig: with its T_base_left.
-        noise_px: of every corner, and all but small and slanted landmarks are read; None: corners and recognition as
-            measured (`model/detector_model.py`).
-        floor: whose walls hide landmarks; None: nothing hides any.
+        noise_px: of every corner; all landmarks except small and slanted ones are read; None: corners and detection
+            as measured (`model/detector_model.py`).
+        floor: floor plan whose walls hide landmarks; None: no landmark is hidden.
     """
     assert rig.T_base_left is not None
     T_map_left = T_map_base @ rig.T_base_left
     T_left = T_map_left.inverse()
     origin = T_map_left.t[None, :2]
     shown = _shown(list(landmarks), origin, floor)
-    # All cameras read a landmark, or none.
+    # A landmark is read by all cameras that see it, or by none.
     luck = np.zeros(len(shown)) if noise_px is not None else rng.uniform(size=len(shown))
     return tuple(
         tuple(_seen(shown, luck, camera.model, camera.T_camera_left @ T_left, noise_px, rng))
@@ -53,7 +53,7 @@ def look(
 
 
 def _shown(landmarks: list[MappedLandmark], origin: FloatArray, floor: FloorPlan | None) -> list[MappedLandmark]:
-    """Landmarks that no wall hides."""
+    """Landmarks that are not hidden by a wall."""
     if floor is None or not landmarks:
         return landmarks
     places = np.array([m.T_map_landmark.t[:2] for m in landmarks])
@@ -97,7 +97,7 @@ def _seen(
 
 
 def _in_view(landmarks: Sequence[MappedLandmark], camera: CameraModel, T: Pose) -> BoolArray:
-    """(N,) whether all corners are before the camera and near its field of view, in which projections are right."""
+    """(N,) whether all corners are in front of the camera and near its field of view, for a valid lens model."""
     points = T.apply(np.array([m.corners_map for m in landmarks]).reshape(-1, 3)).reshape(-1, 4, 3)
     ahead = points[..., 2].min(axis=1) >= NEAREST_M
     # Far outside the image the distortion folds back into it.

@@ -2,7 +2,7 @@
 
 In the order of a real camera: point spread, defocus and motion; the color and the unevenness of
 the light; electrons and their noise; the color mosaic and its interpolation; white balance; the
-tone curve; noise reduction; sharpening; JPEG.  Each step is switched by one field, so that a test can ask for one
+tone curve; noise reduction; sharpening; JPEG.  Each step is controlled by one field, so that a test can select one
 fault at a time.
 """
 
@@ -36,11 +36,11 @@ class Lens:
     Attributes:
         blur_px: standard deviation of the point spread.
         defocus_px: radius of the disc that a point out of focus becomes.
-        motion_px: (x, y) way of the image during the exposure.
-        corner_blur_px: standard deviation of the blur that the image's corners have beside it; it grows with the
+        motion_px: (x, y) displacement of the image during the exposure.
+        corner_blur_px: standard deviation of the additional blur in the image's corners; it grows with the
             square of the distance from the middle.
-        lateral_color: how much larger than green the red image is and smaller the blue one, relative.
-        color_shift_px: (x, y) way from the green image to the red one, and from the blue to the green one.
+        lateral_color: relative enlargement of the red image and reduction of the blue image, compared with green.
+        color_shift_px: (x, y) shift from the green image to the red one, and from the blue one to the green one.
     """
 
     blur_px: float = 0.6
@@ -56,9 +56,9 @@ class Shadow:
     """A hard shadow: everything on one side of a straight line.
 
     Attributes:
-        through_px: a point of its edge.
-        towards_deg: direction into the dark, from x (right) toward y (down).
-        ratio: how many times darker it is there.
+        through_px: a point on its edge.
+        towards_deg: direction into the shadow, from x (right) toward y (down).
+        ratio: light outside over light inside the shadow.
     """
 
     through_px: tuple[float, float]
@@ -72,8 +72,8 @@ class Gloss:
 
     Attributes:
         at_px: its middle.
-        radius_px: where it has fallen to 60 %.
-        strength: light it adds at the center, share of full scale.
+        radius_px: radius at which it has fallen to 60 %.
+        strength: added light at the center, share of full scale.
     """
 
     at_px: tuple[float, float]
@@ -86,11 +86,11 @@ class Light:
     """The light.
 
     Attributes:
-        brightness: what a surface of reflectance 1 makes of full scale.
-        temperature_k: color of the light, as of a black body.
+        brightness: light from a surface of reflectance 1, share of full scale.
+        temperature_k: color temperature of the light (black body).
         gradient: (x, y) relative change from the middle of the image to its right and lower edge.
-        shadow: a hard one, or none.
-        gloss: a lamp mirrored, or none.
+        shadow: a hard shadow, or None.
+        gloss: reflection of a lamp, or None.
         veil: light that the lens spreads over the whole image, share of full scale.
     """
 
@@ -109,8 +109,8 @@ class Sensor:
     Attributes:
         full_well: electrons at full scale; fewer make more noise.
         read_noise: electrons.
-        bayer: one color a pixel and interpolation, instead of three.
-        pattern: of these colors: ``RGGB``, ``BGGR``, ``GRBG`` or ``GBRG``.
+        bayer: one color per pixel with interpolation, instead of three.
+        pattern: order of these colors: ``RGGB``, ``BGGR``, ``GRBG`` or ``GBRG``.
         demosaic: ``bilinear``, ``malvar`` or ``edge_aware``.
     """
 
@@ -129,11 +129,11 @@ class Development:
     """The development of raw values into an image file.
 
     Attributes:
-        balanced_for_k: color of light that the white balance takes for white; None: the true one.
+        balanced_for_k: color temperature assumed by the white balance; None: the true one.
         tone: ``srgb``, ``gamma`` (2.2), ``rec709``, ``filmic`` (toe and shoulder) or ``linear``.
         saturation: factor of the distances from gray, in code values.
         contrast: exponent of a further S curve about middle gray in code values; 1 is none.
-        denoise: 0 to 1, how strongly color is smoothed, and brightness where it is nearly even.
+        denoise: 0 to 1, strength of the smoothing of color, and of brightness in nearly uniform areas.
         sharpen: amount of the unsharp mask.
         sharpen_px: standard deviation of its blur.
         jpeg_quality: 1 to 100, or None for a lossless file.
@@ -256,7 +256,7 @@ def apply_tone(linear: FloatArray, tone: str) -> FloatArray:
         return linear_to_srgb(linear)
     if tone == "rec709":
         return np.where(linear < 0.018, 4.5 * linear, 1.099 * np.maximum(linear, 0.018) ** 0.45 - 0.099)
-    # A toe that deepens shadows and a shoulder that saves highlights: a sigmoid in log exposure,
+    # A toe that darkens shadows and a shoulder that preserves highlights: a sigmoid in log exposure,
     # scaled so that 0 stays 0 and 1 stays 1.
     contrast, middle = 1.35, 0.18
     curve = linear**contrast / (linear**contrast + middle**contrast)
@@ -264,7 +264,7 @@ def apply_tone(linear: FloatArray, tone: str) -> FloatArray:
 
 
 def black_body_rgb(temperature_k: float) -> FloatArray:
-    """(3,) linear sRGB of a black body of 1667 to 25000 K, green 1, relative to that of 6500 K.
+    """(3,) linear sRGB of a black body of 1667 to 25000 K, relative to one of 6500 K, with green 1.
 
     Planckian locus after Kim et al. 2002.
 
@@ -306,7 +306,7 @@ def _measure(received: FloatArray, sensor: Sensor, rng: np.random.Generator) -> 
 
 
 def _shade(shadow: Shadow, width: int, height: int) -> FloatArray:
-    """(H,W) 1 in the light, 1 / ratio in the dark, the edge a pixel wide."""
+    """(H,W) 1 in the light, 1 / ratio in the shadow, with an edge one pixel wide."""
     a = np.deg2rad(shadow.towards_deg)
     x, y = np.arange(width) - shadow.through_px[0], np.arange(height) - shadow.through_px[1]
     into = np.clip(np.cos(a) * x[None, :] + np.sin(a) * y[:, None] + 0.5, 0, 1)
@@ -314,7 +314,7 @@ def _shade(shadow: Shadow, width: int, height: int) -> FloatArray:
 
 
 def _blurred_in_corners(image: Float32Array, sigma: float) -> Float32Array:
-    """An image mixed with its blur, the further from the middle the more of it: the variance grows as r^2."""
+    """An image mixed with its blurred copy, with a share that grows with the radius r: the variance grows as r^2."""
     height, width = image.shape[:2]
     x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
     r2 = (x[None, :] ** 2 + y[:, None] ** 2) / ((width**2 + height**2) / 4)
@@ -323,7 +323,7 @@ def _blurred_in_corners(image: Float32Array, sigma: float) -> Float32Array:
 
 
 def _with_displaced_colors(image: Float32Array, lens: Lens) -> Float32Array:
-    """(H,W,3) RGB with red enlarged about the middle and moved, and blue shrunk and moved the other way."""
+    """(H,W,3) RGB with red enlarged about the center and shifted, and blue reduced and shifted the other way."""
     height, width = image.shape[:2]
     middle, shift = np.array([(width - 1) / 2, (height - 1) / 2]), np.array(lens.color_shift_px)
     channels = []
@@ -361,7 +361,7 @@ def _disc_kernel(radius: float) -> Float32Array:
 
 
 def _motion_kernel(way: FloatArray) -> Float32Array:
-    """A line of light of the given way, anti-aliased."""
+    """A line of the given displacement, anti-aliased."""
     reach = int(np.ceil(np.abs(way).max() / 2)) + 1
     kernel = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
     for s in (np.arange(8 * reach) + 0.5) / (8 * reach) - 0.5:

@@ -1,7 +1,7 @@
-"""Images of a room at the rate of a camera: each sheet through the real lens, walls in plain colors.
+"""Images of a room at the rate of a camera: sheets through the lens model, walls in plain colors.
 
-`photograph.py` is the model to measure detection with; this one takes milliseconds instead of a second, for live
-runs.  Only windows around sheets are computed in full.
+`photograph.py` is the model for measurements of detection; this model takes milliseconds instead of a second, for
+live runs.  Only windows around sheets are computed at full resolution.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ NOISE, NOISES = 2.0, 8  # gray levels; different noise images
 LEVELS = 4096
 BRIGHTNESS = 0.75
 BORDER_PX = 4
-_FACES = np.array([[3, 1], [0, 2], [4, 5]])  # by the axis that a ray meets first, and whether it goes up along it
+# Number of a face, by its axis and whether the ray that meets it goes in the axis's positive direction.
+_FACES = np.array([[3, 1], [0, 2], [4, 5]])
 
 
 class QuickCamera:
     """Photographs a rectangular room with landmarks on its walls.
 
     Args:
-        scene: of `scene.furnish_room`; its panels' textures are used, walls and floor by their mean color.
-        pale: landmarks whose ink has faded, and by which share of the way to white paper.
+        scene: from `scene.furnish_room`; sheets have their textures, walls and floor their mean color.
+        pale: fading by landmark: 0 full ink, 1 white paper.
     """
 
     def __init__(
@@ -85,7 +86,7 @@ class QuickCamera:
         return np.asarray(self._tone[places[:, :, ::-1]], dtype=np.uint8)
 
     def _walls(self, T: Pose) -> Float32Array:
-        """(h,w,3) linear light of walls, floor and ceiling, coarsely: the nearest face of the room's box."""
+        """(h,w,3) linear light of walls, floor and ceiling at low resolution: the nearest face of the room's box."""
         R, t, size = T.R.astype(np.float32), T.t.astype(np.float32), self._size_m.astype(np.float32)
         rays = self._coarse @ R.T
         ahead = rays > 0
@@ -100,7 +101,7 @@ class QuickCamera:
     def _paint(
         self, image: ByteArray, sheet: Panel, details: list[Float32Array], T_map_camera: Pose, lit: float
     ) -> None:
-        """One sheet over the walls, in place; sheets are never in front of each other."""
+        """Paint one sheet over the walls, in place; sheets never cover each other."""
         T = T_map_camera.inverse() @ sheet.T_map_panel
         if T.R[:, 2] @ T.t >= 0:  # seen from behind
             return
@@ -141,13 +142,13 @@ class QuickCamera:
 
 
 def _paled(sheet: Panel, share: float) -> Panel:
-    """A sheet whose ink is nearer to its paper by a share."""
+    """A sheet with its ink faded toward the paper by a share."""
     paper = sheet.texture.max()
     return replace(sheet, texture=sheet.texture + np.float32(share) * (paper - sheet.texture))
 
 
 def _meet(rays: Float32Array, T_camera_panel: Pose) -> tuple[Float32Array, Float32Array]:
-    """Place (m) at which each ray meets the panel's plane, in the panel."""
+    """Intersection of each ray with the panel's plane, m in the panel's frame."""
     R, t = T_camera_panel.R.astype(np.float32), T_camera_panel.t.astype(np.float32)
     x, y = rays[:, :, 0], rays[:, :, 1]
     n = R[:, 2]
@@ -159,7 +160,7 @@ def _meet(rays: Float32Array, T_camera_panel: Pose) -> tuple[Float32Array, Float
 
 
 def _details(texture: Float32Array) -> list[Float32Array]:
-    """The texture, and smaller ones by area."""
+    """The texture and its reductions (area-averaged), for sampling at several scales."""
     found = [texture]
     while min(found[-1].shape[:2]) > 24:
         smaller = (found[-1].shape[1] * 2 // 3, found[-1].shape[0] * 2 // 3)

@@ -1,7 +1,7 @@
-"""A simulated recording: a robot on wheels through a room, what its cameras see, and what its wheels and gyro say.
+"""A simulated recording: a wheeled robot in a room, with detections, wheel odometry and gyro.
 
-Corners are simulated, not images.  Wheels err as real ones do (MRCLAM: they report too much way and turn, a quarter
-of a second early; now and then they slip), the gyro drifts.
+Corners are simulated, not images.  Wheels have errors of real ones (MRCLAM: distance and turn too large, a quarter
+of a second early; occasional slips), and the gyro drifts.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from lmkit.simulation.observations import Seen, look
 from lmkit.simulation.scene import make_rig, mount_landmarks
 
 STEP_S = 0.02
-SPIN_RADPS = 0.7  # of a robot that turns on the spot
+SPIN_RADPS = 0.7  # yaw rate of a robot that turns on the spot
 HEIGHT_M = 2.6
-# Where the left camera sits on the robot: forward, left, up, and looking ahead.
+# Pose of the left camera on the robot: forward, left, up, and looking ahead.
 T_BASE_LEFT = Pose(
     "base", "left", np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([0.1, 0.06, 0.85])
 )
@@ -39,10 +39,10 @@ class WheelErrors:
 
     Attributes:
         forward_scale, turn_scale: true over reported.
-        delay_s: the robot lags behind what its wheels report.
-        noise_per_root_m, turn_noise_per_root_m: what strays at random, meters and rad per root of a meter.
-        track_m: between the wheels: turning, they travel half of it a radian.
-        slips: times at which the robot turns or slides unnoticed, by up to 0.1 m and 0.1 rad.
+        delay_s: delay of the robot's motion behind the wheel odometry.
+        noise_per_root_m, turn_noise_per_root_m: random walk, meters and rad per square root of a meter.
+        track_m: distance between the wheels; in a turn, each wheel travels half of it per radian.
+        slips: times of slips, by up to 0.1 m and 0.1 rad, that the wheels do not measure.
         gyro_bias, gyro_noise: rad/s.
     """
 
@@ -62,12 +62,12 @@ class Drive:
     """A recording and its truth.
 
     Attributes:
-        landmarks: as they are mounted.
+        landmarks: true landmarks.
         rig: with its T_base_left.
         times_s: (N,) of the frames.
         truth: (N,3) x, y (m), heading (rad) of the base.
-        frames: what both cameras saw.
-        odometry, gyro: what the robot's own sensors say.
+        frames: detections of both cameras.
+        odometry, gyro: measurements of the robot's own sensors.
     """
 
     landmarks: LandmarkMap
@@ -85,7 +85,7 @@ class Drive:
     def visual_odometry(
         self, seed: int, place_per_root_m: float = 0.01, turn_per_root_m: float = 0.004
     ) -> Trajectory:
-        """Poses of the base, in a frame of its own, that drift in all six directions with the root of the way."""
+        """Poses of the base in an arbitrary frame, with a random-walk drift in all six directions."""
         rng = np.random.default_rng([seed, 4])
         true = [self.pose(k) for k in range(len(self.times_s))]
         T = Pose.from_rvec("odometry", "base", rng.normal(size=3), rng.normal(size=3))
@@ -106,7 +106,7 @@ class Drive:
     def readings(
         self, seed: int, range_share: float = 0.03, bearing_rad: float = 0.01
     ) -> list[tuple[float, list[RangeBearing]]]:
-        """Ranges and bearings to the landmarks seen, as of a planar sensor in the base's origin."""
+        """Ranges and bearings to visible landmarks, from a planar sensor at the base's origin."""
         rng = np.random.default_rng([seed, 3])
         answers = []
         for state, frame in zip(self.truth, self.frames, strict=True):
@@ -139,13 +139,13 @@ def make_drive(
     """A recording in rounds through a room with ``count`` landmarks on its walls.
 
     Args:
-        landmarks: those of another recording, to drive through the same room again; None: mounted anew.
-        rig: the cameras, with T_base_left; None: a stereo pair that looks ahead.
+        landmarks: landmarks of another recording, to use the same room again; None: new landmarks.
+        rig: rig with T_base_left; None: a stereo pair that looks ahead.
         family: of the landmarks.
-        eights: figures of eight in place of rounds: curves to both sides.
+        eights: figures of eight instead of rounds, with curves to both sides.
         spins: rotations on the spot to each side, after ``seconds`` of driving.
 
-    Cameras of the rig with a ``time_offset_s`` expose by that much later than their frame.
+    Cameras of the rig with a ``time_offset_s`` are exposed later than their frame by this offset.
     """
     rng = np.random.default_rng([seed, 0])
     codes = [int(code) for code in rng.permutation(family.code_count)[:count]]
@@ -155,7 +155,7 @@ def make_drive(
     truth = _slip(rng, fine, truth, errors.slips)
     rig = rig or replace(make_rig(), T_base_left=T_BASE_LEFT)
     rows = np.arange(0, len(fine) - 1, round(1 / hz / STEP_S))
-    # The first frames lie before the wheels' delay.
+    # The first frames are before the wheels' delay.
     rows = rows[fine[rows] > errors.delay_s]
     late_s = np.array([camera.time_offset_s for camera in mounted_cameras(rig)])
     frames = []
@@ -210,7 +210,7 @@ def _figure_eight(
 
 
 def _with_spins(times: FloatArray, truth: FloatArray, spins: int) -> tuple[FloatArray, FloatArray]:
-    """Times and path, and so many rotations on the spot to each side at the end."""
+    """Times and path, with rotations on the spot to each side at the end."""
     there = np.arange(SPIN_RADPS * STEP_S, 2 * np.pi * spins, SPIN_RADPS * STEP_S)
     turned = truth[-1] + np.concatenate([there, there[::-1]])[:, None] * np.array([0.0, 0.0, 1.0])
     path = np.concatenate([truth, turned])
@@ -218,7 +218,7 @@ def _with_spins(times: FloatArray, truth: FloatArray, spins: int) -> tuple[Float
 
 
 def _slip(rng: np.random.Generator, times: FloatArray, truth: FloatArray, slips: int) -> FloatArray:
-    """The rest of the recording is moved at each slip."""
+    """Path with slips: each slip moves the rest of the recording."""
     moved = truth.copy()
     for k in rng.integers(len(times) // 5, len(times), slips):
         turn, shift = rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1, 2)
@@ -236,7 +236,7 @@ def _wheels(
     step = np.diff(truth, axis=0)
     middle = truth[:-1, 2] + step[:, 2] / 2
     forward = np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]
-    # Slips are not in what the wheels count.
+    # Wheels do not measure slips.
     slid = (np.abs(forward) > 0.02) | (np.abs(step[:, 2]) > 0.05)
     forward, turn = np.where(slid, 0.0, forward), np.where(slid, 0.0, step[:, 2])
     root = np.sqrt(np.abs(forward) + errors.track_m / 2 * np.abs(turn))
@@ -244,5 +244,5 @@ def _wheels(
     turned = turn / errors.turn_scale + errors.turn_noise_per_root_m * root * rng.normal(size=len(root))
     own = times[1:] - errors.delay_s
     rate = step[:, 2] / STEP_S + errors.gyro_bias + errors.gyro_noise * rng.normal(size=len(root))
-    # The mean rate of a step is the rate at its middle.
+    # The mean rate of a step is the rate at its midpoint.
     return Odometry(own, reported, turned), Gyro(own - STEP_S / 2, rate)

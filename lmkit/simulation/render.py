@@ -26,7 +26,7 @@ def render(
     """(H*S,W*S,3) linear RGB, S = OVERSAMPLE, before lens blur and sensor.
 
     Args:
-        background: (H,W,3) linear RGB that is seen where no panel is; black without.
+        background: (H,W,3) linear RGB where there is no panel; None: black.
     """
     rays, falloff = _rays(camera.image_size, camera.K.tobytes(), camera.distortion.tobytes(), camera.model)
     height, width = rays.shape[:2]
@@ -42,7 +42,7 @@ def render(
 
 @lru_cache(maxsize=4)
 def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) -> tuple[Float32Array, Float32Array]:
-    """(H*S,W*S,2) normalized coordinates of every sub-pixel's ray, and (H*S,W*S) the share of light that arrives."""
+    """(H*S,W*S,2) normalized coordinates of every sub-pixel's ray, and (H*S,W*S) its share of light (vignetting)."""
     camera = CameraModel(image_size, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), model)
     width, height = image_size
     steps = (np.arange(OVERSAMPLE) + 0.5) / OVERSAMPLE - 0.5
@@ -54,7 +54,7 @@ def _rays(image_size: tuple[int, int], K: bytes, distortion: bytes, model: str) 
 
 
 def _paint(image: Float32Array, depth: Float32Array, rays: Float32Array, panel: Panel, T_map_camera: Pose) -> None:
-    """Paint one panel over what is further away, in place."""
+    """Paint one panel over more distant panels, in place."""
     T = T_map_camera.inverse() @ panel.T_map_panel
     if T.R[:, 2] @ T.t >= 0:  # seen from behind
         return
@@ -76,7 +76,7 @@ def _paint(image: Float32Array, depth: Float32Array, rays: Float32Array, panel: 
 
 
 def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float32Array:
-    """The texture shrunk (by area) until its pixels are about as large as a ray's footprint there."""
+    """The texture reduced (area-averaged) until its pixels are about as large as a ray's footprint."""
     row, column = rays.shape[0] // 2, rays.shape[1] // 2
     ray_step = float(abs(rays[row, column + 1, 0] - rays[row, column, 0]))
     texel = panel.size_m[0] / panel.texture.shape[1]
@@ -90,13 +90,13 @@ def _fitting_detail(panel: Panel, distance: float, rays: Float32Array) -> Float3
 
 def _window(T_camera_panel: Pose, size_m: tuple[float, float], rays: Float32Array) -> tuple[slice, slice] | None:
     """Rows and columns that can see a panel."""
-    w, h = 0.55 * size_m[0], 0.55 * size_m[1]  # a curled panel reaches a little over its plane's outline
+    w, h = 0.55 * size_m[0], 0.55 * size_m[1]  # a curled panel extends a little beyond its plane's outline
     corners = T_camera_panel.apply(np.array([[-w, h, 0], [w, h, 0], [w, -h, 0], [-w, -h, 0]]))
     corners = _ahead(corners)
     if len(corners) == 0:
         return None
     flat = corners[:, :2] / corners[:, 2:]
-    # Every eighth ray is enough to find the window, with the slack of one such step around it.
+    # Every eighth ray is enough to find the window, with a margin of one such step.
     coarse = rays[::8, ::8]
     slack = 2 * np.abs(coarse[1, 1] - coarse[0, 0]).max()
     low, high = flat.min(axis=0) - slack, flat.max(axis=0) + slack
@@ -108,7 +108,7 @@ def _window(T_camera_panel: Pose, size_m: tuple[float, float], rays: Float32Arra
 
 
 def _ahead(corners: FloatArray) -> FloatArray:
-    """Corners of the part of a convex outline that is `NEAREST_M` before the camera or further."""
+    """Corners of the part of a convex outline at least `NEAREST_M` in front of the camera."""
     beyond = corners[:, 2] - NEAREST_M
     kept = []
     for a, b, here, there in zip(corners, np.roll(corners, -1, axis=0), beyond, np.roll(beyond, -1), strict=True):

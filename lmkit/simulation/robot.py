@@ -20,19 +20,19 @@ Cameras = Callable[[float, Pose], tuple[Seen, ...]]
 STEP_S = 0.02
 SLIP_M, SLIP_RAD = 0.05, 0.08
 LEAN_RAD, LIFT_M = np.deg2rad(0.3), 0.004
-TOUCH_CELLS = 1.0  # a wall's place is known to its cell
+TOUCH_CELLS = 1.0  # walls have a resolution of one cell
 
 
 class SimulatedRobot:
-    """The truth, and what its sensors say of it.
+    """The true state of a robot, and its sensors.
 
     Attributes:
         state: (3,) true x, y (m), heading (rad).
-        time_s: now.
-        touched: it has run into a wall or an obstacle.
+        time_s: current time.
+        touched: whether it has hit a wall or an obstacle.
 
     Args:
-        cameras: what it sees at a time, from a pose of its base; None: corners and recognition as measured
+        cameras: function from time and pose of the base to detections; None: corners and detection as measured
             (`model/detector_model.py`).
     """
 
@@ -58,7 +58,7 @@ class SimulatedRobot:
         self._bias = errors.gyro_bias
 
     def drive(self, forward_mps: float, turn_radps: float, seconds: float) -> list[tuple[float, float, float, float]]:
-        """Rows of time, way and turn as the wheels count them, and the gyro's rate; the robot moves meanwhile."""
+        """Move the robot; returns rows of time, distance and turn from the wheels, and the gyro's rate."""
         rows = []
         for _ in range(max(1, round(seconds / STEP_S))):
             self.time_s += STEP_S
@@ -81,12 +81,12 @@ class SimulatedRobot:
 
     @property
     def seen_from(self) -> FloatArray:
-        """(3,) where it was when its cameras saw what :meth:`look` gives now."""
+        """(3,) true state at the exposure of the images that :meth:`look` returns now."""
         return self._late[0]
 
     def look(self) -> tuple[Seen, ...]:
         """Detections of all cameras; images come ``delay_s`` late."""
-        # No floor is quite level, and no robot stands still on its springs.
+        # Small tilts: floors are not level, and robots move on their suspension.
         turn = np.append(self._rng.normal(0, LEAN_RAD, 2), 0.0)
         lean = Pose.from_rvec("base", "base", turn, np.array([0.0, 0.0, self._rng.normal(0, LIFT_M)]))
         T_map_base = planar_pose(self.seen_from) @ lean
@@ -95,7 +95,7 @@ class SimulatedRobot:
         return look(self.landmarks, self.rig, T_map_base, None, self._rng, self.floor)
 
     def obstacle_ahead(self, reach_m: float) -> FloatArray | None:
-        """(2,) nearest obstacle in a strip as wide as the robot, forward and left of it; None where all is free."""
+        """(2,) nearest obstacle in a strip of the robot's width, m forward and left; None if there is none."""
         ahead = np.arange(self.radius_m, self.radius_m + reach_m, 0.5 * self.floor.cell_m)
         aside = np.linspace(-self.radius_m, self.radius_m, 9)
         points = np.array([(a, b) for a in ahead for b in aside])

@@ -1,4 +1,4 @@
-"""A robot that drives round a room for as long as asked: truth at any time, wheels and gyro, images or corners."""
+"""A robot that drives around a room for a given time: truth at any time, wheels and gyro, images or corners."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class RobotCourse:
     """A course through a room with landmarks on its walls.
 
     Attributes:
-        landmarks: as they are mounted.
+        landmarks: true landmarks.
         rig: with its T_base_left.
         seconds: length of the course.
 
     Args:
-        cameras: of the rig, 1 or 2.
+        cameras: number of cameras, 1 or 2.
     """
 
     def __init__(
@@ -81,11 +81,11 @@ class RobotCourse:
         return tuple(camera(T, light) for camera, T in zip(self._cameras, poses, strict=True))
 
     def corners(self, T_map_base: Pose) -> tuple[Sequence[Detection], ...]:
-        """Detections of all cameras, simulated as the detector is measured to make them."""
+        """Detections of all cameras, simulated with the measured errors of the detector."""
         return look(self.landmarks, self.rig, T_map_base, None, self._rng)
 
     def motion(self, after_s: float, until_s: float) -> tuple[FloatArray, FloatArray]:
-        """Rows (time, forward, turn) of the wheels and (time, rate) of the gyro that are later, up to a time."""
+        """Further rows (time, forward, turn) of the wheels and (time, rate) of the gyro, up to a time."""
         return tuple(  # type: ignore[return-value]
             table[np.searchsorted(table[:, 0], after_s, "right") : np.searchsorted(table[:, 0], until_s, "right")]
             for table in (self.wheels, self.gyro)

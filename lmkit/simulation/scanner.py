@@ -1,6 +1,6 @@
 """A simulated planar laser scanner: rays against walls, poles and clutter, with noise and missing echoes.
 
-Beams have a width: a beam that meets two surfaces gives one of them, or, now and then, a range between both.
+Beams have a width: a beam on two surfaces measures one of them, or sometimes a range between both.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.scan import LaserScan, ScannerMount
 
 SUBRAYS = 5  # across a beam
-MIXED = 0.2  # share of beams whose range lies between what they meet
+MIXED = 0.2  # share of beams on two surfaces whose range lies between both
 BACKGROUND, REFLECTOR = 100.0, 1000.0  # intensities
 
 
@@ -27,9 +27,9 @@ class ScannerModel:
         step_rad: from beam to beam.
         view_rad: field of view, centered ahead.
         range_m: standard deviation of a range.
-        farthest_m: beyond, nothing comes back.
+        farthest_m: largest range with an echo.
         beam_rad: width of a beam; None: half a step.
-        lost: share of echoes that do not come back.
+        lost: share of missing echoes.
     """
 
     step_rad: float = math.radians(0.5)
@@ -47,8 +47,8 @@ class ScannedScene:
     Attributes:
         walls: (W,2,2) ends of segments, meters in the map.
         poles: (P,3) centers and radii.
-        clutter: (C,3) centers and radii of other round things: legs of chairs, tables and people.
-        bright: poles are reflectors.
+        clutter: (C,3) centers and radii of other round objects: legs of chairs, tables and people.
+        bright: whether poles are reflectors.
     """
 
     walls: FloatArray
@@ -70,7 +70,7 @@ class ScannedScene:
         mount: ScannerMount | None = None,
         time_s: float = 0.0,
     ) -> LaserScan:
-        """Measurement of a scanner on a robot that stands still at (3,) x, y (m), heading (rad)."""
+        """Measurement of a scanner on a stationary robot at (3,) x, y (m), heading (rad)."""
         mount = mount or ScannerMount()
         c, s = math.cos(state[2]), math.sin(state[2])
         origin = np.array([state[0] + c * mount.x_m - s * mount.y_m, state[1] + s * mount.x_m + c * mount.y_m])
@@ -98,7 +98,7 @@ class ScannedScene:
         return LaserScan(time_s, start, model.step_rad, np.where(gone, np.nan, measured), intensities)
 
     def _cast(self, origin: FloatArray, angles: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """(R,) distance of the nearest surface along each ray, inf where there is none; and whether it is a pole."""
+        """(R,) distance of the nearest surface along each ray, inf if there is none; and whether it is a pole."""
         along = np.column_stack([np.cos(angles), np.sin(angles)])
         walls = _to_segments(origin, along, self.walls)
         clutter, poles = (_to_circles(origin, along, circles) for circles in (self.clutter, self.poles))
@@ -145,7 +145,7 @@ def scatter_clutter(
     corner: tuple[float, float] = (0.0, 0.0),
     leg_radius_m: tuple[float, float] = (0.015, 0.06),
 ) -> FloatArray:
-    """(4 T, 3) legs of tables and chairs: centers and radii, four to a table, some as thick as a pole."""
+    """(4 T, 3) legs of tables and chairs: centers and radii, four per table, some as thick as a pole."""
     legs = []
     for _ in range(tables):
         center = np.array(corner) + rng.uniform(0.08, 0.92, 2) * size_m

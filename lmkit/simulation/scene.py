@@ -1,4 +1,4 @@
-"""Simulated rooms: four walls, floor, ceiling, and printed sheets on the walls; a rig that drives through.
+"""Simulated rooms: four walls, floor, ceiling, and printed sheets on the walls; a rig that moves through the room.
 
 Everything is drawn from a seed.  The map's z points up; walls stand on its x and y axes.
 """
@@ -28,7 +28,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.palette import SRGB_TO_LINEAR
 
 SHEET_DPI = 110.0
-BOARD_M, TRIES = (0.45, 0.95), 2000  # how far boards are; poses tried for each that is kept
+BOARD_M, TRIES = (0.45, 0.95), 2000  # distances of boards; tried poses for each kept pose
 PAPER_M = 0.002
 WALL_TINTS = ((0.62, 0.60, 0.55), (0.55, 0.60, 0.62), (0.66, 0.62, 0.52), (0.58, 0.56, 0.58))
 FLOOR, CEILING = (0.22, 0.19, 0.16), (0.75, 0.75, 0.73)
@@ -42,7 +42,7 @@ class Panel:
         T_map_panel: its pose; x right, y up on its face, z toward the viewer.
         size_m: (width, height).
         texture: (h,w,3) linear RGB, 0..1, upright as seen.
-        curl_m: how far the middle stands before the left and right edge, as of curled paper.
+        curl_m: distance of the center in front of the left and right edge, for curled paper.
     """
 
     T_map_panel: Pose
@@ -53,7 +53,7 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene to photograph: panels in a room.
+    """Scene for simulated images: panels in a room.
 
     Attributes:
         panels: walls and sheets.
@@ -69,7 +69,7 @@ class Scene:
 def make_rig(
     image_size: tuple[int, int] = (640, 480), focal_px: float = 460.0, baseline_m: float = 0.12
 ) -> StereoRig:
-    """A stereo camera with the small faults of a real one: lens distortion, cameras not quite parallel."""
+    """A stereo camera with typical imperfections: lens distortion, cameras not exactly parallel."""
     width, height = image_size
     left = CameraModel(
         image_size,
@@ -107,14 +107,14 @@ def furnish_room(rng: np.random.Generator, landmarks: LandmarkMap, size_m: tuple
 
 
 def floor_scene(seed: int, floor: FloorPlan, landmarks: LandmarkMap, height_m: float = 2.6) -> Scene:
-    """The walls of a floor plan, and landmarks on them as the map says."""
+    """The walls of a floor plan, with the landmarks of a map."""
     rng = np.random.default_rng(seed)
     panels = []
     for wall in floor.walls:
         middle = [*(wall.left + wall.right) / 2, height_m / 2]
         tint = WALL_TINTS[int(rng.integers(len(WALL_TINTS)))]
-        # Paper stands a little off its wall: landmarks are where the map says, and walls stand back, a little longer
-        # so that no gap is left between two.
+        # Paper is slightly in front of its wall: landmarks keep their mapped poses, walls are moved back and extended
+        # to leave no gaps.
         behind = _moved(wall_pose(middle, wall.facing_rad), -PAPER_M)
         panels.append(Panel(behind, (wall.length_m + 2 * PAPER_M, height_m), _plaster(rng, tint)))
     sx, sy = floor.size_m
@@ -126,7 +126,7 @@ def floor_scene(seed: int, floor: FloorPlan, landmarks: LandmarkMap, height_m: f
 
 
 def _moved(T: Pose, out_m: float) -> Pose:
-    """A panel's pose moved toward those who face it."""
+    """A panel's pose moved along its normal, toward the viewer."""
     return Pose("map", T.from_frame, T.R, T.t + out_m * T.R[:, 2])
 
 
@@ -137,7 +137,7 @@ def mount_landmarks(
     mounted = []
     for code, (wall, along, height) in zip(codes, _wall_places(rng, len(codes), size_m), strict=True):
         position, facing = _on_wall(wall, along, height, size_m[0], size_m[1])
-        # Paper stands a little off its wall.
+        # Paper is slightly in front of its wall.
         position = [position[0] + PAPER_M * np.cos(facing), position[1] + PAPER_M * np.sin(facing), height]
         mounted.append(
             MappedLandmark(LandmarkId(family.name, code), family.side_mm / 1000, wall_pose(position, facing))
@@ -146,7 +146,7 @@ def mount_landmarks(
 
 
 def landmark_sheet(landmark: MappedLandmark) -> Panel:
-    """The landmark on white paper, exactly centered: A4's shape, or larger where its margin asks for that."""
+    """The landmark on white paper, exactly centered: with the shape of A4, or larger if its margin requires it."""
     family = family_named(landmark.family)
     texture, face = _sheet_texture(family, landmark.code)
     height, width = (length / face * landmark.size_m for length in texture.shape[:2])
@@ -156,7 +156,7 @@ def landmark_sheet(landmark: MappedLandmark) -> Panel:
 def board_panel(board: BoardSpec, T_map_board: Pose) -> Panel:
     """A calibration board; ``T_map_board`` has its origin at the first inner corner, y down the rows.
 
-    The printed page lies around it, as it comes from the printer.
+    The panel is the whole printed page.
     """
     page = compose_board_page(board)
     width, height = page.size_mm
@@ -169,7 +169,7 @@ def board_panel(board: BoardSpec, T_map_board: Pose) -> Panel:
 
 
 def drive(seed: int, scene: Scene, steps: int, height_m: float = 1.15) -> list[Pose]:
-    """T_map_camera of the left camera along an ellipse through the room, looking ahead and aside."""
+    """T_map_camera of the left camera along an ellipse through the room, looking ahead and to the side."""
     rng = np.random.default_rng(seed + 1)
     sx, sy, _ = scene.size_m
     phase = rng.uniform(0, 2 * np.pi)
@@ -191,10 +191,10 @@ def looking(position: FloatArray, heading_rad: float, pitch: float = 0.0) -> Pos
 
 
 def board_poses(seed: int, rig: StereoRig, board: BoardSpec, count: int) -> list[Pose]:
-    """T_camera_board in the left camera, spread over the image, tilted, all of it in both cameras.
+    """T_camera_board in the left camera, spread over the image, tilted, with the whole board in both cameras.
 
     Raises:
-        InputError: the board is too large for that, or nearly.
+        InputError: the board is too large.
     """
     rng = np.random.default_rng(seed)
     middle = board.object_points.mean(axis=0)
@@ -222,7 +222,7 @@ def board_poses(seed: int, rig: StereoRig, board: BoardSpec, count: int) -> list
 
 
 def studio(panels: Sequence[Panel]) -> Scene:
-    """Panels before a plain backdrop, in the left camera's own frame called ``map``; for boards."""
+    """Panels in front of a plain background, in the left camera's frame (named ``map``); for boards."""
     texture = np.full((4, 4, 3), 0.18, dtype=np.float32)
     backdrop = Panel(Pose("map", "wall", np.diag([1.0, -1.0, -1.0]), np.array([0, 0, 4.0])), (20.0, 20.0), texture)
     return Scene((backdrop, *panels), LandmarkMap([]), (20.0, 20.0, 4.0))
@@ -244,7 +244,7 @@ def _wall_places(
 
 
 def _on_wall(wall: int, along: float, height: float, sx: float, sy: float) -> tuple[list[float], float]:
-    """Position, and the direction in which the face looks, of a place on wall 0 (y = 0) to 3 (x = 0)."""
+    """Position and normal of a place on wall 0 (y = 0) to 3 (x = 0)."""
     return (
         ([along, 0.0, height], np.pi / 2),
         ([sx, along, height], np.pi),
@@ -284,7 +284,7 @@ def _sheet_texture(family: MarkerFamily, code: int) -> tuple[Float32Array, int]:
     """The face on a white sheet, centered, as printed, and the side of the face in texels."""
     face = _linear(bare_landmark_page(family, code, family.side_mm), SHEET_DPI)
     side = len(face)
-    # As many texels on either side, or the face would stand half a texel (0.1 mm) beside the landmark's place.
+    # Equal numbers of texels on both sides; else the face is half a texel (0.1 mm) off the landmark's position.
     least_mm = family.side_mm + 2 * family.margin_mm
     beside, above = (round((max(length, least_mm) / family.side_mm - 1) * side / 2) for length in (210, 297))
     sheet = np.full((side + 2 * above, side + 2 * beside, 3), 0.9, dtype=np.float32)
@@ -294,7 +294,7 @@ def _sheet_texture(family: MarkerFamily, code: int) -> tuple[Float32Array, int]:
 
 @lru_cache(maxsize=8)
 def _board_texture(board: BoardSpec) -> tuple[Float32Array, tuple[float, float]]:
-    """Texture of the page, and where the board's first object point lies on it (mm from the top left)."""
+    """Texture of the page, and position of the board's first object point on it (mm from the top left)."""
     page = compose_board_page(board)
     texture = _linear(page, SHEET_DPI) * np.float32(0.9)
     marks = [item for item in page.items if isinstance(item, FilledPath)]

@@ -32,15 +32,15 @@ class Site:
     """The truth of a site.
 
     Attributes:
-        maps: of every hall, as it is before anything is moved.
-        moved: by hall, the landmark that is moved before the last day, as it is mounted then.
+        maps: map of every hall before any landmark is moved.
+        moved: by hall, the landmark that is moved before the last day, at its new pose.
     """
 
     maps: dict[str, LandmarkMap]
     moved: dict[str, MappedLandmark]
 
     def map_error_m(self, hall: str, found: LandmarkMap) -> float:
-        """Root mean square of the places of a hall's landmarks that were not moved, after the best alignment."""
+        """Root mean square position error of a hall's unmoved landmarks, after the best alignment."""
         moved = self.moved.get(hall)
         still = [m for m in found if moved is None or m.id != moved.id]
         both = [(m.T_map_landmark.t, t.T_map_landmark.t) for m in still if (t := self.maps[hall].find(m.id))]
@@ -81,8 +81,8 @@ def write_site(
     """Write ``logs/HALL/ROBOT/DATE/`` with detections.csv, odometry.csv and gyro.csv, and ``rigs/ROBOT/DATE.yaml``.
 
     Args:
-        moved: halls in which a landmark is moved before the last day.
-        rig_error_deg: standard deviation of the turn of the right camera about each axis, in every rig file.
+        moved: halls with a landmark that is moved before the last day.
+        rig_error_deg: standard deviation of the right camera's rotation error about each axis, in every rig file.
     """
     rng = np.random.default_rng([seed, 0])
     maps, away_by_hall = {}, {}
@@ -130,7 +130,7 @@ def _write_recording(folder: Path, drive: Drive, start_s: float) -> None:
 
 
 def turned(rig: StereoRig, turn_deg: FloatArray) -> StereoRig:
-    """The rig with its right camera turned by a rotation vector (3,)."""
+    """The rig with its right camera rotated by a rotation vector (3,)."""
     T = rig.T_right_left
     return replace(rig, T_right_left=Pose(T.to_frame, T.from_frame, rotation_exp(np.deg2rad(turn_deg)) @ T.R, T.t))
 

@@ -14,7 +14,7 @@ from lmkit.arrays import ByteArray
 
 PAPER = (252, 252, 250)
 OVERSAMPLE = 2
-HALO, HALO_PX = (255, 255, 255), 3  # around words, so that they can be read on lines and colors
+HALO, HALO_PX = (255, 255, 255), 3  # outline of words, so that they are readable on lines and colors
 
 
 Rgb = tuple[int, int, int]
@@ -66,7 +66,7 @@ class PngCanvas:
         return float(self._draw.textlength(text, font)) / OVERSAMPLE
 
     def image(self, a: tuple[float, float], b: tuple[float, float], rgb: ByteArray) -> None:
-        # A floor far from what else the plan shows is smaller than a pixel.
+        # A floor far from the rest of the plan may be smaller than a pixel.
         size = (max(1, round((b[0] - a[0]) * OVERSAMPLE)), max(1, round((b[1] - a[1]) * OVERSAMPLE)))
         drawn = Image.fromarray(rgb).resize(size, Image.Resampling.NEAREST)
         self._image.paste(drawn, (round(a[0] * OVERSAMPLE), round(a[1] * OVERSAMPLE)))

@@ -1,4 +1,4 @@
-"""A floor from above, as the underlay of a plan: walls, and how well a pose is known, as colors."""
+"""A floor from above, as the underlay of a plan: walls, and expected pose errors as colors."""
 
 from __future__ import annotations
 
@@ -20,9 +20,12 @@ HATCH, HATCH_PX, HATCH_LINE_PX = (60, 20, 80), 24, 3  # color of the lines, dist
 FINE_PX = 2000  # longer side up to which an underlay is enlarged, so that its hatching is drawn as lines
 OBSTACLE, IGNORED = (150, 118, 84), (236, 226, 214)  # islands of drawings
 LEAST_ROOM_M2 = 1.0
-SHORT_M, CURVE_RAD = 0.25, 0.6  # pieces of a curve are shorter, and turn by less from one to the next
-NOTED_AT, NOTED_OFF_M = (0.5, 0.4, 0.6, 0.3, 0.7), 0.45  # the name of a wall: along it, and off it
-# From well known to badly known, none of them the red of landmarks.
+SHORT_M, CURVE_RAD = 0.25, 0.6  # pieces of a curve are shorter, with smaller angles between them
+NOTED_AT, NOTED_OFF_M = (
+    (0.5, 0.4, 0.6, 0.3, 0.7),
+    0.45,
+)  # place of a wall's name: along the wall, and distance from it
+# From small to large errors, without the red of landmarks.
 COLORS: tuple[Rgb, ...] = (
     (26, 122, 73),
     (120, 190, 90),
@@ -40,7 +43,7 @@ def floor_underlay(
     error_m: FloatArray | None = None,
     fails: BoolArray | None = None,
 ) -> Underlay:
-    """The walls; for (N,2) places, where given, the (N,) errors to be expected, hatched where (N,) fails is true."""
+    """The walls, and the expected errors (N,) at (N,2) places, if given; hatched where (N,) fails is true."""
     rgb = np.where(floor.free[:, :, None], np.array(FREE), np.array(WALL)).astype(np.uint8)
     hatched = np.zeros(floor.free.shape, dtype=bool)
     legend: tuple[tuple[Rgb, str], ...] = ()
@@ -51,7 +54,7 @@ def floor_underlay(
         step = np.sqrt(floor.free.sum() * floor.cell_m**2 / len(places))
         level = np.searchsorted(LEVELS_M, error_m)
         colors = np.array([*COLORS, BLIND])[np.where(np.isinf(error_m), len(COLORS), level)]
-        # As far as the places reach, without the steps of their grid.
+        # Up to the outermost places, without the steps of their grid.
         reached = floor.clearance_at(middles) >= floor.clearance_at(places).min() - floor.cell_m / 2
         near = reached & (distance < 1.6 * step)
         rgb[rows[near], columns[near]] = colors[nearest[near]]
@@ -65,7 +68,7 @@ def floor_underlay(
     legend = (*legend, *_draw_islands(rgb, floor))
     low = floor.origin
     high = (low[0] + floor.size_m[0], low[1] + floor.size_m[1])
-    # Far from free space there is nothing to show.
+    # Nothing is shown far from free space.
     rgb[distance_transform_edt(~floor.free) * floor.cell_m > WALL_SHOWN_M] = OUTSIDE
     drawn = _with_hatching(rgb[::-1], hatched[::-1]) if hatched.any() else np.ascontiguousarray(rgb[::-1])
     return Underlay(drawn, low, high, legend, np.ascontiguousarray(floor.free[::-1]))
@@ -81,7 +84,7 @@ def _with_hatching(rgb: ByteArray, hatched: BoolArray) -> ByteArray:
 
 
 def _draw_islands(rgb: ByteArray, floor: FloorPlan) -> list[tuple[Rgb, str]]:
-    """Islands that are not walls in colors of their own; their entries of the legend."""
+    """Draw islands that are not walls in their own colors; returns their legend entries."""
     legend: list[tuple[Rgb, str]] = []
     words = {"obstacle": (OBSTACLE, "island: obstacle, no landmarks"), "ignore": (IGNORED, "island: left out")}
     for use, (color, text) in words.items():
@@ -102,7 +105,7 @@ def island_notes(floor: FloorPlan) -> list[Note]:
 
 
 def wall_notes(floor: FloorPlan) -> list[Note]:
-    """The name of every wall of a room, beside it where nothing else stands; short pieces of curves have none."""
+    """The name of every wall of a room, at a free place beside it; short pieces of curves have none."""
     rooms, _ = label(floor.free)
     areas = np.bincount(rooms.ravel()) * floor.cell_m**2
     notes = []
@@ -111,7 +114,7 @@ def wall_notes(floor: FloorPlan) -> list[Note]:
             continue
         out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
         before = (wall.left + wall.right) / 2 + 2 * floor.cell_m * out
-        # The inside of a pillar is no room.
+        # The inside of a pillar is not a room.
         if floor.is_free(before) and areas[rooms[floor.cells(before)]] < LEAST_ROOM_M2:
             continue
         along = np.array(NOTED_AT)[:, None] * (wall.right - wall.left)
@@ -122,7 +125,7 @@ def wall_notes(floor: FloorPlan) -> list[Note]:
 
 
 def _is_piece_of_curve(wall: Wall, floor: FloorPlan) -> bool:
-    """Whether a short wall goes on, at one of its ends, in another direction that differs little from its own."""
+    """Whether a short wall continues at one of its ends with a wall of slightly different direction."""
     if wall.length_m > SHORT_M:
         return False
     for other in floor.walls:

@@ -1,4 +1,4 @@
-"""Reports as one HTML page each, light and dark alike; nothing is fetched from anywhere."""
+"""Reports as one self-contained HTML page each, in light and dark colors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from html import escape
 
 GRAY = "#888"
 _NUMBER = " class='n'"
-SHORT_ROWS = 14  # a table of so many rows stays on one printed page
+SHORT_ROWS = 14  # tables with up to this many rows are not split in print
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --good: #1a7f37; --fair: #9a6700; --poor: #cf222e; }
 body { font: 1rem/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem; }
@@ -42,7 +42,7 @@ h2 + p + ul { break-before: avoid; }
 
 
 def page(title: str, parts: Iterable[str]) -> str:
-    """The whole file, of HTML parts."""
+    """The whole file from HTML parts."""
     head = (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
         "<meta name='viewport' content='width=device-width,initial-scale=1'>"
@@ -52,23 +52,23 @@ def page(title: str, parts: Iterable[str]) -> str:
 
 
 def headline(tone: str, headline: str, reason: str) -> str:
-    """The one sentence to take away; ``tone`` is ``good``, ``fair`` or ``poor``."""
+    """The main sentence of a report; ``tone`` is ``good``, ``fair`` or ``poor``."""
     return f"<p class='headline' style='--tone: var(--{tone})'><b>{escape(headline)}</b>{escape(reason)}</p>"
 
 
 def listed(heading: str, texts: Sequence[str]) -> str:
-    """A heading and a list; nothing where there is nothing to list."""
+    """A heading and a list; empty if there are no items."""
     if not texts:
         return ""
     return f"<h2>{escape(heading)}</h2><ul>{''.join(f'<li>{escape(text)}</li>' for text in texts)}</ul>"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: Collection[int] = (0,)) -> str:
-    """Rows of cells; it scrolls by itself where the page is narrower.
+    """Table of rows of cells, with its own scroll bar on narrow pages.
 
     Args:
-        head: names of the columns; none: no line of names.
-        words: the columns that hold words; the others hold numbers.
+        head: names of the columns; empty: no header.
+        words: columns with text; the others have numbers.
     """
     kinds = dict.fromkeys(words, "")
     names = "".join(f"<th{kinds.get(k, _NUMBER)}>{escape(name)}</th>" for k, name in enumerate(head))
@@ -82,23 +82,23 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: Collection[
 
 
 def columns_table(head: Sequence[str], columns: Sequence[Sequence[str]]) -> str:
-    """A few things with many figures each: one column each, so that the table fits on narrow pages.
+    """Table of a few items with many values: one column per item, so that it fits on narrow pages.
 
     Args:
-        head: names of the figures; the first one names the things.
-        columns: name and figures of each thing.
+        head: names of the values; the first entry names the items.
+        columns: name and values of each item.
     """
     first, *rows = zip(head, *columns, strict=True)
     return table(first, rows)
 
 
 def figure(drawing: str, caption: str) -> str:
-    """An image or drawing with words below."""
+    """An image or drawing with a caption."""
     return f"<figure>{drawing}<figcaption>{caption}</figcaption></figure>"
 
 
 def sized(wide: str, narrow: str) -> str:
-    """Two drawings of one thing: the second one, with larger letters, is shown on phones."""
+    """Two versions of a drawing: the second one, with larger text, is shown on phones."""
     return f"<div class='wide'>{wide}</div><div class='narrow'>{narrow}</div>"
 
 
@@ -108,7 +108,7 @@ def grid(figures: Iterable[tuple[str, str]], kind: str = "") -> str:
 
 
 def svg(box: tuple[float, float, float, float], width: int, label: str, body: str) -> str:
-    """A drawing of x, y, width, height in its own units, so many pixels wide."""
+    """A drawing with its view box (x, y, width, height) and its width in pixels."""
     x, y, w, h = box
     return (
         f"<svg viewBox='{x:g} {y:g} {w:g} {h:g}' width='{width}' role='img' aria-label='{escape(label)}'>{body}</svg>"

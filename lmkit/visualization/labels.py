@@ -1,4 +1,4 @@
-"""Places for words in a drawing where they cover neither lines, nor symbols, nor other words."""
+"""Placement of words in a drawing, where they cover no lines, symbols or other words."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from lmkit.arrays import FloatArray
 
 Point = tuple[float, float]
-STEP_PX = 3.0  # between the points that stand for a line
+STEP_PX = 3.0  # between the sample points of a line
 PER_LETTER = 0.58  # width of a letter, relative to the text's height
 PAD_PX = 2.0
-WORD_COST = 60.0  # of a word or symbol that is covered, in points of a line
-LATER_COST = 0.4  # of a candidate, for each that is preferred to it
+WORD_COST = 60.0  # of a covered word or symbol, in sample points of a line
+LATER_COST = 0.4  # of a candidate, per preferred candidate before it
 
 
 def text_width(text: str, size: float) -> float:
@@ -23,7 +23,7 @@ def text_width(text: str, size: float) -> float:
 
 
 class LabelPlacer:
-    """Drawn lines, symbols and words, and the places that they leave for further words; pixels."""
+    """Places for words that avoid drawn lines, symbols and words; pixels."""
 
     def __init__(self) -> None:
         self._points: list[FloatArray] = []
@@ -42,10 +42,10 @@ class LabelPlacer:
         self._boxes.append((x - width / 2, y - height / 2, x + width / 2, y + height / 2))
 
     def place(self, text: str, size: float, candidates: Sequence[Point]) -> tuple[Point, bool]:
-        """The best middle for a word, which is kept readable from then on, and whether it covers nothing there.
+        """The best center for a word, and whether it covers nothing there; later words avoid it.
 
         Args:
-            candidates: possible middles, the preferred one first.
+            candidates: possible centers, the preferred one first.
         """
         width, height = text_width(text, size) + 2 * PAD_PX, size + 2 * PAD_PX
         points = np.concatenate(self._points) if self._points else np.zeros((0, 2))
@@ -65,7 +65,7 @@ class LabelPlacer:
 
 
 def line_parts_inside(points: Sequence[Point], low: Point, high: Point) -> list[list[Point]]:
-    """Parts of a line that lie in a box."""
+    """Parts of a line inside a box."""
     parts: list[list[Point]] = [[]]
     for x, y in points:
         if low[0] <= x <= high[0] and low[1] <= y <= high[1]:

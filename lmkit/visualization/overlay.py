@@ -19,7 +19,7 @@ YELLOW: Bgr = (0, 210, 255)
 MAGENTA: Bgr = (220, 60, 200)
 RED: Bgr = (40, 40, 230)
 INK: Bgr = (30, 30, 30)
-USUAL_PX = 1400.0  # longer side of an image up to which lines and words have their usual size
+USUAL_PX = 1400.0  # longer side of an image; in larger images, lines and words are enlarged
 EXPECTED = "magenta: expected by the map"
 UNSEEN = "thin: in the map, not detected"
 OUTLIER = "red: contradicts the pose"
@@ -67,7 +67,7 @@ def draw_located(
     landmarks: LandmarkMap,
     enlarge: int = 2,
 ) -> ByteArray:
-    """A copy, ``enlarge`` times larger: what was read, and where the pose puts the map's landmarks, with axes."""
+    """A copy, ``enlarge`` times larger, with detections, predicted landmarks of the map, and axes."""
     canvas = draw_landmarks(image, seen, enlarge)
     if estimate.T_map_camera is None:
         draw_estimate(canvas, estimate)
@@ -86,7 +86,7 @@ def draw_located(
             continue
         outline = (pixels + 0.5) * enlarge - 0.5
         if landmark.id not in read:
-            # A wall or a person may hide it: no more than where it would be.
+            # A wall or a person may hide it: only its predicted outline is drawn.
             _polyline(canvas, outline, MAGENTA, closed=True, width=1)
             shown.add(UNSEEN)
             continue
@@ -101,7 +101,7 @@ def draw_located(
 
 
 def draw_estimate(canvas: ByteArray, estimate: PoseEstimate) -> None:
-    """Write status and position, of the robot's base if the rig knows it, at the top left."""
+    """Write status and position, of the robot's base if the rig has T_base_left, at the top left."""
     text = str(estimate.status)
     if estimate.T_map_base is not None:
         x, y, z = estimate.T_map_base.t
@@ -121,7 +121,7 @@ def draw_label(canvas: ByteArray, text: str, at: FloatArray, scale: float = 0.6)
 
 
 def side_by_side(left: ByteArray, right: ByteArray) -> ByteArray:
-    """Two images in one; the higher one is reduced to the height of the other."""
+    """Two images side by side; the taller one is reduced to the height of the other."""
     height = min(left.shape[0], right.shape[0])
     both = [
         image
@@ -152,7 +152,7 @@ def _enlarged(image: ByteArray, factor: int) -> ByteArray:
 
 
 def _grown(canvas: ByteArray) -> float:
-    """Size of lines and words, relative to the usual one."""
+    """Scale of lines and words, relative to the usual size."""
     return max(1.0, float(max(canvas.shape[:2])) / USUAL_PX)
 
 

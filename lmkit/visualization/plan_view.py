@@ -1,4 +1,4 @@
-"""A room from above: landmarks, true poses, found poses with their 95 % ellipses; as PNG or SVG."""
+"""A room from above: landmarks, true poses, estimated poses with 95 % ellipses; as PNG or SVG."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from lmkit.visualization.canvas import Canvas, PngCanvas, Rgb, SvgCanvas
 from lmkit.visualization.labels import LabelPlacer, line_parts_inside, text_width
 
 MOST_PIXELS_PER_M = 150.0
-AROUND_M = 0.6  # free space around what is drawn, where the room is not known
-ON_RIM_M = 0.05  # landmarks on the outermost wall of a floor stand beside its last cell
-SEEN_PX = 6.0  # ellipses are enlarged until the median is as large
-LARGEST_SEEN_PX, LARGEST_SHARE = 120.0, 1 / 8  # and no larger, nor a larger share of the shorter side
+AROUND_M = 0.6  # free space around the drawing without a room
+ON_RIM_M = 0.05  # landmarks on the outermost wall of a floor are just outside its last cell
+SEEN_PX = 6.0  # ellipses are enlarged until the median has this size
+LARGEST_SEEN_PX, LARGEST_SHARE = 120.0, 1 / 8  # largest ellipse, also as a share of the shorter side
 GAINS = (1.0, 10.0, 100.0)
 CHI2_2D_95 = 5.991
-OFF_WALL_PX = 9  # so far before its wall a landmark is drawn
+OFF_WALL_PX = 9  # distance of a drawn landmark from its wall
 CODE_PX, BEYOND_PX = 15.0, 20.0  # height of codes, and their distance from the wall
 ASIDE_PX, FARTHER_PX = (0.0, 14.0, -14.0, 28.0, -28.0), (0.0, 10.0, 22.0, 36.0)  # other places for a label
 LEGEND_PX, LEGEND_ROW_PX, UNDER_PX = 78, 26, 34  # below the plan, between rows, below the last row
@@ -36,12 +36,12 @@ GRID, FAINT = (232, 234, 236), (140, 144, 150)
 
 @dataclass(frozen=True)
 class PlanSize:
-    """How large a plan is drawn; letters and symbols are of one size in all of them.
+    """Size of a plan; text and symbols have the same size in all plans.
 
     Attributes:
-        largest_px: of the longer side of the room.
-        margin_px: around the room.
-        least_width_px: of the drawing, for title and legend beside narrow rooms.
+        largest_px: length of the longer side of the room.
+        margin_px: margin around the room.
+        least_width_px: least width of the drawing, for the title and legend of narrow rooms.
     """
 
     largest_px: float
@@ -57,10 +57,10 @@ class Found:
     """A pose to draw.
 
     Attributes:
-        label: written beside it.
+        label: text beside it.
         pose: of a camera (it looks along its z axis) in the map.
         covariance: (2,2) of x y, or None.
-        sure: False where the images allow another pose.
+        sure: False if the images allow another pose.
     """
 
     label: str
@@ -76,8 +76,8 @@ class Underlay:
     Attributes:
         rgb: (h,w,3) 0..255, its first row at the highest y.
         low, high: (x, y) of its corners, meters.
-        legend: what its colors mean.
-        gridded: (h,w) where the grid is drawn over it; None: everywhere.
+        legend: meaning of its colors.
+        gridded: (h,w) cells with the grid drawn over them; None: all.
     """
 
     rgb: ByteArray
@@ -127,9 +127,10 @@ def draw_plan(
 
     Args:
         truth: true poses of the camera.
-        size_m: (x, y) extent of the room, whose corner is the map's origin; None: what is drawn, and some space.
+        size_m: (x, y) extent of the room, whose corner is the map's origin; None: extent of the drawing, and some
+            space.
         kind: ``png`` or ``svg``.
-        underlay: the floor; what is drawn outside of it enlarges the extent.
+        underlay: the floor; items outside it enlarge the extent.
         polylines, notes: lines and words on top.
         size: of the drawing.
     """
@@ -165,7 +166,7 @@ def draw_plan(
             plan.camera(one.pose, ORANGE, 2)
             if one.covariance is not None:
                 plan.ellipse(one.pose.t, one.covariance, gain)
-    # Words come last: they evade what is drawn.
+    # Words come last: they avoid all drawn items.
     for pose, some in _over_each_other(landmarks):
         plan.codes(pose, _codes(some, landmarks))
     for note in notes:
@@ -180,7 +181,7 @@ def draw_plan(
 def _legend(
     landmarks: LandmarkMap, found: Sequence[Found], truth: Sequence[Pose], gain: float
 ) -> list[tuple[Rgb, str]]:
-    """Colors of landmarks and poses, and what they mean."""
+    """Colors of landmarks and poses, and their meaning."""
     families = {landmark.family for landmark in landmarks}
     legend: list[tuple[Rgb, str]] = []
     enlarged = "" if gain == 1 else f", {gain:g} times enlarged"
@@ -201,7 +202,7 @@ def _legend(
 
 
 def _legend_rows(legend: Sequence[tuple[Rgb, str]], width: int, margin_px: int) -> list[list[tuple[float, Rgb, str]]]:
-    """Rows of the legend: where each entry starts, pixels from the left, its color and its words."""
+    """Rows of the legend: start of each entry (pixels from the left), its color and its text."""
     rows: list[list[tuple[float, Rgb, str]]] = [[]]
     x = float(margin_px)
     for color, text in legend:
@@ -215,7 +216,7 @@ def _legend_rows(legend: Sequence[tuple[Rgb, str]], width: int, margin_px: int) 
 
 
 def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[MappedLandmark]]]:
-    """Landmarks that are mounted at one place of the plan, with one pose for all."""
+    """Landmarks at the same place of the plan, with one pose for all."""
     places: list[tuple[Pose, list[MappedLandmark]]] = []
     for landmark in landmarks:
         here = landmark.T_map_landmark
@@ -229,7 +230,7 @@ def _over_each_other(landmarks: LandmarkMap) -> list[tuple[Pose, list[MappedLand
 
 
 def _codes(some: Sequence[MappedLandmark], landmarks: LandmarkMap) -> str:
-    """Codes, with the family or the size where landmarks of the map differ in it."""
+    """Codes, with the family or size if these differ in the map."""
     several = len({landmark.family for landmark in landmarks}) > 1
     sizes = len({round(1000 * landmark.size_m) for landmark in landmarks}) > 1
     words = []
@@ -242,7 +243,7 @@ def _codes(some: Sequence[MappedLandmark], landmarks: LandmarkMap) -> str:
 def _extent(
     landmarks: LandmarkMap, poses: Sequence[Pose], polylines: Sequence[Polyline], underlay: Underlay | None
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Lowest and highest x, y of the floor and of what lies outside of it, with some space there; meters."""
+    """Lowest and highest x, y of the floor and of items outside it, with some space around the items; meters."""
     places = [landmark.T_map_landmark.t[:2] for landmark in landmarks] + [pose.t[:2] for pose in poses]
     points = np.array([*places, *(point[:2] for line in polylines for point in line.points)]).reshape(-1, 2)
     if underlay is not None:
@@ -259,7 +260,7 @@ def _extent(
 def _gain(
     of_poses: Sequence[FloatArray], of_landmarks: Sequence[FloatArray], scale: float, largest_px: float
 ) -> float:
-    """How much ellipses are enlarged to be seen, by the covariances (2,2) of poses and of landmarks."""
+    """Scale that makes ellipses visible, from the covariances (2,2) of poses and of landmarks."""
     groups = [
         [np.sqrt(max(np.linalg.eigvalsh(c)[-1], 0.0) * CHI2_2D_95) * scale for c in group]
         for group in (of_poses, of_landmarks)
@@ -268,7 +269,7 @@ def _gain(
     if not groups:
         return 1.0
     seen = next((gain for gain in GAINS if gain * np.median(np.concatenate(groups)) >= SEEN_PX), GAINS[-1])
-    # The large ones shall not hide the room, neither those of few landmarks beside many poses.
+    # Large ellipses must not hide the room, nor those of few landmarks among many poses.
     large = max(np.percentile(sizes, 95) for sizes in groups)
     return max([gain for gain in GAINS if gain <= seen and gain * large < largest_px], default=1.0)
 
@@ -288,7 +289,7 @@ class _Plan:
         return x, self.bottom - (float(xy[1]) - self.low[1]) * self.scale
 
     def line(self, points: Sequence[tuple[float, float]], color: Rgb, width: float) -> None:
-        """A line that labels evade."""
+        """A line that labels must not cover."""
         self.canvas.line(points, color, width)
         self.labels.keep_line(points)
 
@@ -309,7 +310,7 @@ class _Plan:
                 self._grid_line(axis, meter, underlay)
 
     def _grid_line(self, axis: int, meter: int, underlay: Underlay | None) -> None:
-        """A line of the grid, left out where the underlay says so."""
+        """A line of the grid, only where the underlay allows it."""
         ends = np.array([self.low, self.high])
         ends[:, axis] = meter
         if underlay is None or underlay.gridded is None:
@@ -354,7 +355,7 @@ class _Plan:
         self._word(label, CODE_PX, candidates, True)
 
     def pose_label(self, found: Found) -> None:
-        """The name of a pose beside it, where there is room."""
+        """The name of a pose beside it, if there is space."""
         x, y = self.at(found.pose.t[:2])
         back = np.array([-found.pose.R[0, 2], found.pose.R[1, 2]])
         wide = text_width(found.label, 14) / 2 + 16

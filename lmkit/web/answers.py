@@ -1,4 +1,4 @@
-"""Requests in, answers out: bounded bodies, checked values, and errors with their hint."""
+"""Request bodies with size limits and checked values; JSON responses, with errors and their hints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STATUS = {"no_file": 404, "no_job": 404, "too_large": 413, "changed": 409, "busy
 
 
 class Body(BaseModel):
-    """Base of what a request may say: unknown keys and values that are not finite are refused."""
+    """Base of request bodies: unknown keys and values that are not finite are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

@@ -1,4 +1,4 @@
-"""The server: one page, its files, and what it can be asked."""
+"""The server: one page, its files, and its routes."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def build_app(
     """The page over one project.
 
     Args:
-        token: what every request must carry; None where only this machine is answered.
-        address: where a phone reaches the page, for the QR code; None where only this machine does.
-        workers: for work of seconds; processes of their own if None.
+        token: token required in every request; None if only this machine has access.
+        address: address of the page for a phone, shown as a QR code; None if only this machine has access.
+        workers: run work that takes seconds; None: new worker processes.
     """
     app = Starlette(routes=routes(), lifespan=_lifespan)
     app.state.lmkit = State(project, workers or Workers(), Jobs(project.root), address=address)
@@ -44,7 +44,7 @@ def build_app(
 
 
 def state_of_app(app: ASGIApp) -> State:
-    """The state behind a built app, for what feeds it from outside, such as a live run."""
+    """The state of a built app, for producers outside the server, such as a live run."""
     assert isinstance(app, Guard)
     inner = app.inner
     assert isinstance(inner, Starlette)
@@ -72,7 +72,7 @@ async def _warm(state: State) -> None:
 
 
 def routes() -> list[BaseRoute]:
-    """Everything that can be asked."""
+    """All routes of the server."""
 
     def route(path: str, handler: Handler, method: str = "GET") -> Route:
         return Route(path, guarded(handler), methods=[method])
@@ -144,7 +144,7 @@ def qr_code(text: str) -> bytes:
 
 
 async def _file(request: Request) -> Response:
-    """A result of the project, to look at or to save."""
+    """A result of the project, to view or to save."""
     name = request.path_params["name"]
     path = state_of(request).project.public(name)
     headers = {"content-security-policy": FILE_POLICY}

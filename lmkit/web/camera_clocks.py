@@ -1,4 +1,4 @@
-"""Page 3: time between the images of two cameras, which a robot that moves sees as a false depth."""
+"""Page 3: time between the images of two cameras, which causes depth errors on a moving robot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ SETTLING, COUNTED = 3, 12  # images
 def time_between(names: Sequence[str]) -> float:
     """Median time from an image of the first camera to the nearest of the second, seconds.
 
-    Both run at once, as in a live run; stamps are the driver's where it has them, else those of arrival.
+    Both cameras run simultaneously, as in a live run; stamps are the driver's if available, else the times of
+    arrival.
 
     Raises:
         InputError: one of them gives no image while the other is open.

@@ -1,4 +1,4 @@
-"""Page 3, cameras: one look through every camera, side by side, with what is wrong with its image."""
+"""Page 3, cameras: one image from every camera, side by side, with its problems."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ SETTLING = 8  # images of a camera until its exposure has settled
 SHOWN_PX = 640
 BURNT = 0.05  # share of clipped pixels
 GRAY = 3.0  # mean difference of the channels
-APART_S = 0.005  # more is named
-LEAST_SHARED = 2  # landmarks in both images, to tell left from right
+APART_S = 0.005  # larger differences are reported
+LEAST_SHARED = 2  # landmarks in both images, to distinguish left from right
 
 
 class LookBody(Body):
@@ -41,7 +41,7 @@ class LookBody(Body):
 
 
 async def sources(request: Request) -> Response:
-    """Cameras of this machine, and what of the project can stand for one."""
+    """Cameras of this machine, and sources of the project that can replace a camera."""
     project = state_of(request).project
     found = listing(project)
     devices = DEVICES.glob("video*") if os.name == "posix" else []
@@ -52,7 +52,7 @@ async def sources(request: Request) -> Response:
 
 
 async def look(request: Request) -> Response:
-    """One image of every camera, with its faults in words."""
+    """One image of every camera, with its problems in words."""
     state, body = state_of(request), await read_body(request, LookBody)
     for source in body.sources:
         _require_source(state.project, source)
@@ -138,7 +138,7 @@ def _described(image: ByteArray) -> dict[str, Any]:
 
 
 def _sharpness(image: ByteArray) -> float:
-    """Steepest edges over the image's contrast, 0 to 1; comparable between cameras that see one scene."""
+    """Steepest edges over the image's contrast, 0 to 1; comparable between cameras that show the same scene."""
     gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
     steps = np.abs(np.diff(gray, axis=1))
     contrast = float(np.percentile(gray, 99) - np.percentile(gray, 1))
@@ -146,17 +146,17 @@ def _sharpness(image: ByteArray) -> float:
 
 
 def _are_swapped(first: Any, second: Any) -> bool:
-    """Whether landmarks that both cameras see stand further left in the first image than in the second."""
+    """Whether common landmarks are further left in the first image than in the second."""
     places = [{str(d.id): float(d.center[0]) for d in found} for found in (first, second)]
     shared = places[0].keys() & places[1].keys()
     return len(shared) >= LEAST_SHARED and float(np.median([places[0][k] - places[1][k] for k in shared])) < 0
 
 
 def _require_source(project: Project, source: str) -> None:
-    """Refuse what is no camera, film or folder of pairs.
+    """Refuse a source that is not a camera, film or folder of pairs.
 
     Raises:
-        InputError: it is none, or is outside the project.
+        InputError: it is none of these, or is outside the project.
     """
     if CAMERA.fullmatch(source):
         return

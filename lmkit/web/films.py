@@ -19,7 +19,7 @@ MOST_PIXELS = 1 << 26  # of one frame
 
 
 async def upload(request: Request) -> Response:
-    """Store a film; the part that has come is removed where the rest does not, or shows no frame."""
+    """Store a film; it is removed if the upload is incomplete or has no readable frame."""
     state, given = state_of(request), request.path_params["name"]
     suffix = PurePosixPath(given).suffix.lower()
     if suffix not in FILMS:
@@ -47,10 +47,10 @@ async def upload(request: Request) -> Response:
 
 
 def require_frame(path: str) -> None:
-    """Refuse a file of which no frame can be read.
+    """Refuse a file without a readable frame.
 
     Raises:
-        InputError: it is no film, or its frames are too large.
+        InputError: it is not a film, or its frames are too large.
     """
     from lmkit.io.image_sources import video_frames
 

@@ -1,4 +1,4 @@
-"""Page 5, the walls of the project: shown, edited, and taken from a floor plan."""
+"""Page 5, the walls of the project: shown, edited, and imported from a floor plan."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class WallBody(Body):
 
 
 class FloorBody(Body):
-    """All walls, in place of those of the version that the browser has (empty: no file)."""
+    """All walls, which replace those of the version in the browser (empty: no file)."""
 
     version: Annotated[str, Field(max_length=64)]
     walls: Annotated[list[WallBody], Field(max_length=MOST_WALLS)]
@@ -51,7 +51,7 @@ async def show(request: Request) -> Response:
 
 
 async def edit(request: Request) -> Response:
-    """Replace the walls; the floor plan before is kept for undo."""
+    """Replace the walls; the previous floor plan is kept for undo."""
     state, body = state_of(request), await read_body(request, FloorBody)
     if body.version != _version(state.project.path(FLOOR)):
         raise InputError("changed", "floor.yaml has changed meanwhile", "look at the new walls, then edit again")
@@ -60,7 +60,7 @@ async def edit(request: Request) -> Response:
 
 
 async def load(request: Request) -> Response:
-    """Take the walls of a floor plan in the body; ``scale`` in meters a pixel or unit, for drawings."""
+    """Import the walls of a floor plan in the body; ``scale`` in meters per pixel or unit, for drawings."""
     state, data = state_of(request), await read_bytes(request, MAX_UPLOAD)
     try:
         scale = float(request.query_params["scale"]) if request.query_params.get("scale") else None
@@ -98,7 +98,7 @@ def floor_of_file(data: bytes, name: str, scale_m: float | None) -> str:
     """Text of a lmkit-floor/1 file with the walls of a floor plan of any format.
 
     Raises:
-        InputError: not a floor plan, or too many walls; names the file as its sender does.
+        InputError: not a floor plan, or too many walls; uses the sender's name of the file.
     """
     suffix = PurePosixPath(name).suffix.lower()
     if suffix not in DRAWINGS:
@@ -114,7 +114,7 @@ def floor_of_file(data: bytes, name: str, scale_m: float | None) -> str:
             floor = read_floor(path, scale_m)
         except InputError as error:
             raise InputError(error.code, error.message.replace(str(path), "this file"), error.hint) from None
-    # A line has two sides, which a drawing gives as two walls.
+    # A line has two sides, which are two walls in a drawing.
     lines = {tuple(sorted((tuple(w.left.round(3)), tuple(w.right.round(3))))): w for w in floor.walls}
     if len(lines) > MOST_WALLS:
         raise InputError("too_many", f"{len(lines)} walls", f"draw at most {MOST_WALLS}, without text and furniture")
@@ -122,7 +122,7 @@ def floor_of_file(data: bytes, name: str, scale_m: float | None) -> str:
 
 
 def describe_floor(project: Project) -> dict[str, Any]:
-    """Walls of ``floor.yaml`` as the page draws them, where they leave a gap, and why they cannot be read."""
+    """Walls of ``floor.yaml`` as the page draws them, their gap if any, or the reason why they cannot be read."""
     path = project.path(FLOOR)
     facts: dict[str, Any] = {"version": _version(path), "problem": None, "hint": "", "gap": None}
     if not path.is_file():
@@ -137,12 +137,12 @@ def describe_floor(project: Project) -> dict[str, Any]:
 
 
 def encloses_a_room(floor: FloorPlan) -> bool:
-    """Whether walls surround what is free: nothing on the rim of the grid is."""
+    """Whether walls enclose the free space: no cell at the border of the grid is free."""
     return not any(rim.any() for rim in (floor.free[0], floor.free[-1], floor.free[:, 0], floor.free[:, -1]))
 
 
 def gap_of(walls: list[Wall]) -> list[float]:
-    """(x, y) of the wall's end that is farthest from all other walls: where a room that does not close is open."""
+    """(x, y) of the wall's end that is farthest from all other walls: the likely gap of an open room."""
     left, along = np.array([w.left for w in walls]), np.array([w.right - w.left for w in walls])
     ends = np.stack([left, left + along], axis=1)
     apart = np.zeros((len(walls), 2))

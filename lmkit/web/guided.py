@@ -1,4 +1,4 @@
-"""Page 4, guided calibration: cameras, films or folders of pairs, until a stated depth error.
+"""Page 4, guided calibration from cameras, films or folders of pairs, until a given depth error.
 
 Runs as a job, ``python -m lmkit.web.guided TASK``: states go to stderr as lines of progress, pairs to a folder.
 A line on standard input ends the guidance with the pairs kept so far.
@@ -31,23 +31,23 @@ from lmkit.visualization.overlay import encode_png
 from lmkit.web.jobs import PROGRESS
 from lmkit.web.tasks import run_task
 
-LEAST_PAIRS = 6  # before them a calibration says nothing
-ENOUGH_PAIRS = 10  # before them the stated error is too small in some rigs, and none is held out
+LEAST_PAIRS = 6  # with fewer pairs there is no calibration
+ENOUGH_PAIRS = 10  # with fewer pairs the stated error is too small for some rigs, and no pair is held out
 THUMB_PX = 300
-LEAST_APART_S = 0.25  # of states without news
+LEAST_APART_S = 0.25  # between states without new pairs
 EXPLAIN_EVERY_S = 2.0
 
 
 def guide(
     task: dict[str, Any], tell: Callable[[dict[str, Any]], None], is_asked_to_end: Callable[[], bool] = lambda: False
 ) -> dict[str, Any]:
-    """Keep pairs until what the calibration adds to the depth error at the stated distance is small enough.
+    """Keep pairs until the calibration's part of the depth error at the given distance is small enough.
 
-    It ends as well with the source, or when it is asked to.
+    It also ends with the source, or on request.
 
     Args:
         task: ``cameras``, ``board``, ``folder``, ``at_m``, ``until_m``.
-        tell: is given every state.
+        tell: called with every state.
 
     Returns:
         The last state.
@@ -92,7 +92,7 @@ def _save(looked: Looked, folder: Path) -> None:
 
 
 def _learned(looked: Looked, state: dict[str, Any]) -> dict[str, Any]:
-    """News of the kept pairs, in place of what ``state`` holds."""
+    """New values of ``state`` from the kept pairs."""
     seen = looked.found.corners
     news: dict[str, Any] = {"kept": len(seen.views), "coverage": [cells.tolist() for cells in looked.coverage.cells]}
     news["advice"] = list(looked.coverage.advice)[:4]
@@ -110,7 +110,7 @@ def _learned(looked: Looked, state: dict[str, Any]) -> dict[str, Any]:
 
 
 class _Explained:
-    """Why no board is found, looked into every few seconds."""
+    """Reason why no board is found, updated every few seconds."""
 
     def __init__(self, board: lm.BoardSpec) -> None:
         self._board, self._at_s, self._words = board, float("-inf"), ""
@@ -126,7 +126,7 @@ class _Explained:
 
 
 def _ghost(looked: Looked) -> list[list[float]] | None:
-    """Outline of the board where it is wanted next, as shares of both images side by side."""
+    """Outline of the wanted view of the board, as shares of both images side by side."""
     if looked.ghost is None:
         return None
     side, outline = looked.ghost
@@ -135,7 +135,7 @@ def _ghost(looked: Looked) -> list[list[float]] | None:
 
 
 def _thumb(looked: Looked) -> str:
-    """Both images side by side, small, as a data address."""
+    """Both images side by side, reduced, as a data URL."""
     import cv2
 
     from lmkit.visualization.overlay import encode_jpeg, side_by_side
@@ -159,7 +159,7 @@ def guide_until_asked(task: dict[str, Any]) -> None:
         if wishes.readline():
             asked.set()
 
-    # Unbuffered: a thread that waits in a buffered reader cannot be left behind at the end.
+    # Unbuffered: at exit, Python cannot abandon a thread that waits in a buffered reader.
     with FileIO(sys.stdin.fileno(), closefd=False) as wishes:
         threading.Thread(target=listen, args=(wishes,), daemon=True).start()
         _tell(guide(task, _tell, asked.is_set))

@@ -1,4 +1,4 @@
-"""Jobs: commands of lmkit that run in processes of their own, with progress, log and cancel."""
+"""Jobs: commands of lmkit that run in separate processes, with progress, log and cancel."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LINE_BYTES = 16 * 1024 * 1024
 KEPT = 50
 WAITING = 10
 WISH_EVERY_S = 0.2
-GRACE_S = 3.0  # between asking a process to end and ending it
+GRACE_S = 3.0  # between asking a process to end and killing it
 
 
 @dataclass(eq=False)
@@ -32,16 +32,16 @@ class Job:
     """One command, waiting, running or ended.
 
     Attributes:
-        verb: what it does, such as ``survey``.
-        title: the same for a person.
-        command: as one would type it.
-        steps: words after ``python`` of one command after the other.
+        verb: kind of the job, such as ``survey``.
+        title: description for the user.
+        command: the command line, as text.
+        steps: arguments of ``python`` for each command, in order.
         outputs: files it writes, relative to the project.
         save_json: file for its standard output, or None.
-        on_line: is given every line of standard output instead of the log.
+        on_line: called with every line of standard output, instead of the log.
         wish: line for standard input, written whenever it changes; or None.
-        can_finish: a line on standard input ends it early, with a result.
-        finishing: it was asked to.
+        can_finish: whether a line on standard input ends it early, with a result.
+        finishing: whether it was asked to end early.
         state: ``waiting``, ``running``, ``done``, ``failed`` or ``canceled``.
     """
 
@@ -63,7 +63,7 @@ class Job:
     log: deque[str] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
     error: str | None = None
     canceled: bool = False
-    before: Job | None = None  # whose end this one waits for
+    before: Job | None = None  # this job waits for the end of that job
     task: asyncio.Task[None] | None = None
 
     def as_dict(self, with_log: bool = False) -> dict[str, Any]:
@@ -78,7 +78,7 @@ class Job:
         }  # fmt: skip
         if with_log:
             return shown | {"log": list(self.log)}
-        # A list of jobs goes without their newest images.
+        # A list of jobs has no images.
         return shown | {"progress": self.progress and {k: v for k, v in self.progress.items() if k != "image"}}
 
 
@@ -86,7 +86,7 @@ class Jobs:
     """Runs one job at a time, in order.
 
     Args:
-        folder: where they run.
+        folder: working folder of the jobs.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -107,10 +107,10 @@ class Jobs:
         wish: Callable[[], bytes] | None = None,
         can_finish: bool = False,
     ) -> Job:
-        """Start a job, or let it wait for its turn.
+        """Start a job, or queue it.
 
         Raises:
-            InputError: too many wait.
+            InputError: too many jobs wait.
         """
         if sum(job.state == "waiting" for job in self._jobs.values()) >= WAITING:
             raise InputError("busy", f"{WAITING} jobs are waiting", "wait, or cancel some of them")
@@ -150,16 +150,16 @@ class Jobs:
         return self._jobs[id_]
 
     def cancel(self, job: Job) -> None:
-        """End a job, once; files are written whole or not at all."""
+        """Cancel a job; files are written completely or not at all."""
         if job.ended is None and job.task is not None and not job.canceled:
             job.canceled = True
             job.task.cancel()
 
     def finish(self, job: Job) -> None:
-        """Let a running job end early, with the result that it has by then.
+        """End a running job early, with its result so far.
 
         Raises:
-            InputError: it is not such a job, or does not run.
+            InputError: the job cannot end early, or is not running.
         """
         if not job.can_finish or job.state != "running":
             raise InputError("not_finishing", f"job {job.id} cannot end early", "cancel it, or wait for its end")
@@ -181,7 +181,7 @@ class Jobs:
                     if code == 0:
                         code = await self._process(job, step)
             job.state = "done" if code == 0 else "failed"
-            # Warnings stand on stderr as well; the last line is the error only of a command that failed.
+            # Stderr also has warnings; its last line is an error only if the command failed.
             job.error = None if code == 0 else job.error or f"ended with exit code {code}"
         except asyncio.CancelledError:
             job.state = "canceled"
@@ -253,7 +253,7 @@ async def _tell(wish: Callable[[], bytes] | None, stream: asyncio.StreamWriter |
 
 
 async def _end(process: asyncio.subprocess.Process) -> None:
-    """Ask a process and its workers to end, then end them."""
+    """Ask a process and its workers to end, then kill them."""
     for sign in (signal.SIGTERM, getattr(signal, "SIGKILL", signal.SIGTERM)):
         with contextlib.suppress(ProcessLookupError):
             if os.name == "posix":

@@ -1,4 +1,4 @@
-"""Live states to browsers: one message holds the pose and its image, so that they cannot part."""
+"""Live states to browsers: one message contains the pose and its image, so that both belong together."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def pack_line(state: Mapping[str, Any], jpeg: bytes = b"") -> bytes:
 
 
 def shown_state(state: LiveState) -> dict[str, Any]:
-    """The step as the page shows it: what every output gets, the band of the innovation, and the condition of all."""
+    """The step as the page shows it: the data of every output, the innovation band, and the run's condition."""
     return state.to_dict() | {
         "nis_dof": state.nis_dof,
         "band": innovation_band(state.nis_dof) if state.nis_dof else None,
@@ -46,20 +46,20 @@ def shown_state(state: LiveState) -> dict[str, Any]:
 
 @lru_cache(maxsize=256)
 def innovation_band(dof: int) -> tuple[float, float]:
-    """Band that holds the innovation, squared and over how many numbers it is of, in 95 % of the steps."""
+    """95 % band of the normalized innovation squared, divided by its degrees of freedom."""
     from scipy.special import chdtri
 
     return float(chdtri(dof, 0.975) / dof), float(chdtri(dof, 0.025) / dof)
 
 
 class LiveHub:
-    """Hands the newest state to every watcher; a slow one misses states, and memory stays bounded.
+    """Sends the newest state to every watcher; slow watchers miss states, so memory stays bounded.
 
-    `publish` may be called from any thread.  ``watched`` tells a producer whether images are wanted.
+    `publish` may be called from any thread.  ``watched`` shows a producer whether images are needed.
 
     Attributes:
         landmarks: map of the run, as the page draws it; None: the project's.
-        walls: of its floor plan.
+        walls: walls of its floor plan.
         run: number of the run; a new one has another map.
     """
 
@@ -71,22 +71,22 @@ class LiveHub:
         self.run = 0
 
     def __call__(self, state: LiveState) -> None:
-        """Publish a step of the live loop; its images only while someone looks."""
+        """Publish a step of the live loop; its images only while there are watchers."""
         self.publish(shown_state(state), annotated_jpeg(state) if self.watched else b"")
 
     @property
     def watched(self) -> bool:
-        """Whether someone looks."""
+        """Whether there are watchers."""
         return bool(self._queues)
 
     def publish(self, state: Mapping[str, Any], jpeg: bytes = b"") -> None:
-        """Hand a state, and the image it was made from, to every watcher."""
+        """Send a state and its image to every watcher."""
         self._last = message = pack_message({**state, "run": self.run}, jpeg)
         for queue, loop in list(self._queues.items()):
             loop.call_soon_threadsafe(_put_newest, queue, message)
 
     def publish_line(self, line: bytes) -> None:
-        """Publish a step that a run wrote as a line, or take its map; other lines are passed over."""
+        """Publish a step from a line of a run's output, or set the map from a line; other lines are ignored."""
         text, _, image = line.partition(IMAGE)
         try:
             state = json.loads(text)
@@ -101,7 +101,7 @@ class LiveHub:
             self.publish(state, jpeg)
 
     def watch(self) -> asyncio.Queue[bytes] | None:
-        """A queue of one message, the newest; None when too many watch."""
+        """A queue with the newest message only; None if there are too many watchers."""
         if len(self._queues) >= WATCHERS:
             return None
         queue: asyncio.Queue[bytes] = asyncio.Queue(1)

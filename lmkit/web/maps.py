@@ -1,4 +1,4 @@
-"""Page 5, the map: landmarks with their uncertainty, what a survey doubts, edits and pins with undo."""
+"""Page 5, the map: landmarks with their uncertainty, doubts of a survey, edits and pins with undo."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from lmkit.web.state import State, state_of
 from lmkit.web.versions import count_versions, keep_versions, restore_versions
 
 MAP, PINS = "map.yaml", "pins.yaml"
-UNDONE = (MAP, PINS, FLOOR)  # what the page of the map changes
+UNDONE = (MAP, PINS, FLOOR)  # files changed by this page
 PIN_SIGMA_DEG = 2.0
 Meters = Annotated[float, Field(ge=-10_000, le=10_000)]
 
@@ -32,7 +32,7 @@ class Edit(Body):
     """Change of one landmark; None leaves a value as it is.
 
     Attributes:
-        pin_mm: its place is measured to this and holds in surveys; 0 takes the pin off.
+        pin_mm: standard deviation of its measured place, which surveys use; 0 removes the pin.
     """
 
     id: Annotated[str, Field(max_length=40)]
@@ -45,7 +45,7 @@ class Edit(Body):
 
 
 class EditBody(Body):
-    """Changes to the version of the map that the browser has."""
+    """Changes to the browser's version of the map."""
 
     version: Annotated[str, Field(max_length=64)]
     edits: Annotated[list[Edit], Field(min_length=1, max_length=500)]
@@ -63,7 +63,7 @@ async def drawn(state: State) -> dict[str, Any]:
 
 
 async def edit(request: Request) -> Response:
-    """Change landmarks; the map before is kept for undo."""
+    """Change landmarks; the previous map is kept for undo."""
     state, body = state_of(request), await read_body(request, EditBody)
     path = state.project.path(MAP)
     if not path.is_file():
@@ -81,7 +81,7 @@ async def edit(request: Request) -> Response:
 
 
 async def undo(request: Request) -> Response:
-    """Go back by one change of landmarks, pins or walls."""
+    """Undo one change of landmarks, pins or walls."""
     state = state_of(request)
     restore_versions(state.project, *UNDONE)
     return answer(await _shown(state))
@@ -101,7 +101,7 @@ def edited(path: str, pins: str, body: EditBody) -> tuple[lm.LandmarkMap, lm.Lan
         landmark = landmarks[change.id] = _changed(landmarks[change.id], change)
         sigma_mm = change.pin_mm
         if sigma_mm is None and change.id in held:
-            sigma_mm = _pin_mm(held[change.id])  # the pin goes where the landmark goes
+            sigma_mm = _pin_mm(held[change.id])  # the pin moves with the landmark
         if sigma_mm:
             held[change.id] = replace(landmark, covariance=_pin_covariance(sigma_mm))
         else:
@@ -128,7 +128,7 @@ def _changed(landmark: lm.MappedLandmark, change: Edit) -> lm.MappedLandmark:
         c, s = np.cos(turn), np.sin(turn)
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
     if change.position is not None or change.facing_deg is not None:
-        covariance = None  # it was the survey's, of another pose
+        covariance = None  # the survey's covariance was for the previous pose
         pose = lm.Pose("map", "landmark", R, t)
     name = landmark.name if change.name is None else change.name.strip() or None
     size_m = landmark.size_m if change.size_m is None else change.size_m
@@ -136,7 +136,7 @@ def _changed(landmark: lm.MappedLandmark, change: Edit) -> lm.MappedLandmark:
 
 
 def facing_deg(R: FloatArray) -> float:
-    """Direction in which the landmark's face looks in the plan, degrees."""
+    """Direction of the landmark's normal in the plan, degrees."""
     return float(np.degrees(np.arctan2(R[1, 2], R[0, 2])))
 
 
@@ -168,7 +168,7 @@ def describe_landmarks(landmarks: lm.LandmarkMap) -> list[dict[str, Any]]:
 
 
 def describe_pins(path: str) -> dict[str, float]:
-    """How well each pinned landmark was measured, mm."""
+    """Standard deviation of each pinned landmark, mm."""
     return {str(pin.id): _pin_mm(pin) for pin in lm.read_map(path)}
 
 
@@ -195,7 +195,7 @@ def _version(path: Path) -> str:
 
 
 def _doubts(project: Project) -> tuple[dict[str, str], list[str]]:
-    """Sentences of the newest survey: by the landmark that it contradicts, and all."""
+    """Sentences of the newest survey: by contradicted landmark, and all."""
     folder = project.root / "reports"
     tables = sorted(folder.glob("*-survey.json"), key=lambda p: p.stat().st_mtime) if folder.is_dir() else []
     if not tables:

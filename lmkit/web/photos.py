@@ -25,7 +25,7 @@ MOST_HISTORY = 2000
 
 
 class CheckBody(Body):
-    """Statements about the print; empty text where nothing is known."""
+    """Statements about the print; empty text if unknown."""
 
     family: Annotated[str, Field(max_length=80)] = "lm8"
     size: Annotated[str, Field(max_length=40)] = ""
@@ -60,7 +60,7 @@ async def certify(request: Request) -> Response:
 
 
 def store_photo(data: bytes, name: str, root: str) -> str:
-    """Write an upload whose pixels pass the one door, under a name that is free; its name."""
+    """Write an upload, a readable image or a PDF, under an unused name; returns the name."""
     from lmkit.io.files import write_file
     from lmkit.io.images import decode_image
     from lmkit.web.project import NAME, Project
@@ -80,7 +80,7 @@ def store_photo(data: bytes, name: str, root: str) -> str:
 
 
 def grade_photo(path: str, family: str, size: str, manifest: str | None) -> list[dict[str, Any]]:
-    """Grades of every landmark, with the image they were read from."""
+    """Grades of every landmark, with their image."""
     import base64
 
     from lmkit.verification.results import print_dict
@@ -108,7 +108,7 @@ def grade_photo(path: str, family: str, size: str, manifest: str | None) -> list
 
 
 def write_certificate(path: str, family: str, size: str, manifest: str | None, target: str) -> None:
-    """Write the certificate, one page a landmark."""
+    """Write the certificate, one page per landmark."""
     from lmkit.io.files import write_file
     from lmkit.reports.certificate import certificate
 
@@ -144,7 +144,7 @@ def _shown(image: ByteArray) -> ByteArray:
 
 
 def _files(state: State, name: str, body: CheckBody) -> tuple[Path, str | None]:
-    """The photograph, and the manifest of the print that it shows."""
+    """The photograph, and the manifest of its print."""
     path = state.project.public(f"photos/{name}")
     if not body.print:
         return path, None

@@ -1,4 +1,4 @@
-"""Page 1, prints: what a sheet will look like, and the proven file."""
+"""Page 1, prints: preview of the sheets, and the verified file."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ async def choices(request: Request) -> Response:
 
 
 async def preview(request: Request) -> Response:
-    """The first sheets as SVG, and what the command line would say."""
+    """The first sheets as SVG, and the equivalent command line."""
     state, body = state_of(request), await read_body(request, PrintBody)
     return answer(await state.workers.run(preview_prints, body, str(state.project.root / "rig.yaml")))
 
@@ -67,10 +67,10 @@ def print_choices() -> dict[str, Any]:
 
 
 def preview_prints(body: PrintBody, rig: str) -> dict[str, Any]:
-    """Pages of a print as SVG, with the distance from which they are read.
+    """Pages of a print as SVG, with the reading distance.
 
     Args:
-        rig: the rig file, which need not exist.
+        rig: path of the rig file, which may be missing.
     """
     from lmkit.generation.svg import page_to_svg
     from lmkit.pipelines.prints import READ_FROM_PX, check_landmark_size
@@ -96,7 +96,7 @@ def preview_prints(body: PrintBody, rig: str) -> dict[str, Any]:
 
 
 def write_pdf(body: PrintBody, path: str) -> dict[str, Any]:
-    """Write the PDF and its manifest; every landmark is read back from it before."""
+    """Write the PDF and its manifest after reading back every landmark."""
     from lmkit.pipelines.prints import write_prints
 
     layout, codes = _layout(body)
@@ -142,7 +142,7 @@ def _layout(body: PrintBody) -> tuple[Any, list[int]]:
     if len(codes) > MOST_CODES:
         hint = f"print at most {MOST_CODES} at a time here; the command line takes all"
         raise InputError("too_many", f"{len(codes)} codes", hint)
-    # A template may be a file on the command line; here it is one of those shipped.
+    # On the command line a template may be a file; here only the included templates are allowed.
     if body.template and body.template not in shipped_templates():
         raise InputError("unknown_template", f"there is no template {body.template!r}", "choose one from the list")
     size_mm = parse_length_mm(body.size, "size") if body.size else None
@@ -156,7 +156,7 @@ def _layout(body: PrintBody) -> tuple[Any, list[int]]:
 
 
 def _focal_length(rig: Path) -> tuple[float, str]:
-    """Focal length in pixels, and where it comes from."""
+    """Focal length in pixels, and its source."""
     from lmkit.errors import LmkitError
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.io.any_rig import read_any_rig

@@ -17,7 +17,7 @@ FILMS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm"})
 BAGS = frozenset({".mcap", ".bag", ".db3"})
 # Results that a browser may fetch as files.
 PUBLIC = ("prints", "photos", "reports")
-MOST_ENTRIES = 20_000  # looked at for a listing
+MOST_ENTRIES = 20_000  # read for a listing
 DEEPEST = 4
 
 
@@ -45,7 +45,7 @@ class Project:
                 "use letters, digits, dots, dashes and spaces, relative to the project's folder",
             )
         path = self.root.joinpath(*parts)
-        # A symbolic link may lead anywhere.
+        # A symbolic link may point outside the folder.
         if not path.resolve().is_relative_to(self.root):
             raise InputError("bad_name", f"{name[:80]!r} is outside the project", "keep the files in the folder")
         return path
@@ -75,10 +75,10 @@ class Project:
 
 
 def open_project(folder: Path) -> Project:
-    """The project of a folder, which is made where it is missing.
+    """The project of a folder, which is created if missing.
 
     Raises:
-        InputError: it cannot be made or written to.
+        InputError: it cannot be created or written to.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ def open_project(folder: Path) -> Project:
 
 
 def listing(project: Project) -> dict[str, Any]:
-    """Files of the project by what they are for; small enough to send."""
+    """Files of the project by purpose, limited in number."""
     found: dict[str, list[dict[str, Any]]] = {"pairs": [], "recordings": [], "films": [], "bags": []}
     for folder, folders, files in _walk(project.root):
         name = project.relative(folder) if folder != project.root else ""

@@ -25,12 +25,12 @@ Meters = Annotated[float, Field(ge=-20, le=20)]
 
 
 class MountBody(Body):
-    """Place of the left camera on the robot, whose base is on the floor.
+    """Pose of the left camera on the robot, whose base is on the floor.
 
     Attributes:
         height_m, forward_m, left_m: from the base, meters.
-        turned_deg: of its view to the robot's left.
-        raised_deg: of its view above the horizon.
+        turned_deg: rotation of its view to the robot's left.
+        raised_deg: elevation of its view above the horizon.
     """
 
     height_m: Annotated[float, Field(gt=0, le=20)]
@@ -41,13 +41,13 @@ class MountBody(Body):
 
 
 async def show(request: Request) -> Response:
-    """Cameras of the rig; none where the project has no rig."""
+    """Cameras of the rig; none if the project has no rig."""
     state = state_of(request)
     return answer(await state.workers.run(describe_rig, state.project))
 
 
 async def take(request: Request) -> Response:
-    """Replace the rig by the file in the body; the rig before is kept for undo."""
+    """Replace the rig by the file in the body; the previous rig is kept for undo."""
     state, data = state_of(request), await read_bytes(request, MAX_JSON)
     rig = await state.workers.run(rig_of, data)
     keep_versions(state.project, RIG)
@@ -56,7 +56,7 @@ async def take(request: Request) -> Response:
 
 
 async def mount(request: Request) -> Response:
-    """Say where the left camera is on the robot; the rig before is kept for undo."""
+    """Set the pose of the left camera on the robot; the previous rig is kept for undo."""
     state, body = state_of(request), await read_body(request, MountBody)
     path = state.project.path(RIG)
     if not path.is_file():
@@ -68,7 +68,7 @@ async def mount(request: Request) -> Response:
 
 
 async def undo(request: Request) -> Response:
-    """Go back by one change."""
+    """Undo one change of the rig."""
     state = state_of(request)
     restore_versions(state.project, RIG)
     return answer(await state.workers.run(describe_rig, state.project))
@@ -97,7 +97,7 @@ def rig_of(data: bytes) -> Any:
     """The rig of a file's bytes.
 
     Raises:
-        InputError: no rig file of a format that lmkit reads.
+        InputError: not a rig file of a format that lmkit reads.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / RIG
@@ -105,12 +105,12 @@ def rig_of(data: bytes) -> Any:
         try:
             return lm.read_rig(path)
         except InputError as error:
-            # The file has no name that its sender knows.
+            # The temporary file's name is unknown to the sender.
             raise InputError(error.code, error.message.replace(str(path), "this file"), error.hint) from None
 
 
 def describe_rig(project: Project) -> dict[str, Any]:
-    """Cameras of ``rig.yaml`` with their focal lengths, and how far each is from the first."""
+    """Cameras of ``rig.yaml`` with their focal lengths, and their distances from the first."""
     from lmkit.geometry.rig import mounted_cameras
 
     path = project.path(RIG)

@@ -1,7 +1,7 @@
-"""Who may talk to the page, and what a browser may do with it.
+"""Access control of the page, and its content security policy.
 
-Bound to this machine, only addresses of this machine are answered, so that a foreign site whose name leads here
-reaches nothing.  Bound to a network, every request carries the token of the printed address.
+Bound to this machine, only requests for its own addresses are answered, so that a foreign site whose name resolves
+to this machine has no access.  Bound to a network, every request needs the token of the printed address.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PAGE_POLICY = (
     "font-src 'self'; manifest-src 'self'; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-# Reports carry their own styles; nothing in them runs.
+# Reports contain their own styles and no scripts.
 FILE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 HEADERS = {
     "x-content-type-options": "nosniff",
@@ -33,7 +33,7 @@ HEADERS = {
     "x-frame-options": "DENY",
     "permissions-policy": "camera=(self), microphone=(), geolocation=()",
 }
-# Browsers heed it at trustworthy addresses only, and complain at others: at those of a network without encryption.
+# Browsers apply it to trustworthy addresses only, and warn at others, such as network addresses without encryption.
 LOCAL_HEADERS = {**HEADERS, "cross-origin-opener-policy": "same-origin"}
 REFUSAL = (
     '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
@@ -42,11 +42,11 @@ REFUSAL = (
 
 
 class Guard:
-    """Refuses foreign requests, and adds the policy to every answer.
+    """Refuses foreign requests, and adds the policy to every response.
 
     Args:
-        app: what is guarded.
-        token: what every request must carry; None where only this machine is answered.
+        app: the guarded application.
+        token: token required in every request; None if only this machine has access.
     """
 
     def __init__(self, app: ASGIApp, token: str | None) -> None:
@@ -61,7 +61,7 @@ class Guard:
         problem = self._problem(scope, headers)
         if problem is None and self._token is not None and not self._carries_token(headers):
             if scope["type"] == "http" and self._in_address(scope):
-                # Once, from the printed address: the token leaves the address bar for a cookie.
+                # First request from the printed address: the token moves from the address bar to a cookie.
                 answer: Response = RedirectResponse("/", status_code=303)
                 answer.set_cookie(COOKIE, self._token, httponly=True, samesite="strict", max_age=30 * 86400)
                 await self._answer(answer, scope, receive, send)
@@ -102,7 +102,7 @@ class Guard:
             return
         hint = "open the address that lmkit web prints in the terminal"
         answer: Response = JSONResponse({"code": "refused", "message": problem, "hint": hint}, 403)
-        if "text/html" in Headers(scope=scope).get("accept", ""):  # someone opens the address
+        if "text/html" in Headers(scope=scope).get("accept", ""):  # a user opens the address
             words = problem[:1].upper() + problem[1:], hint[:1].upper() + hint[1:]
             answer = HTMLResponse(REFUSAL.format(*map(escape, words)), 403)
         await self._answer(answer, scope, receive, send)

@@ -20,9 +20,9 @@ def serve(folder: Path, host: str, port: int | None, tell: Callable[[str], None]
     """Serve the page over a folder until it is interrupted.
 
     Args:
-        host: 127.0.0.1 for this machine alone; another address asks every visitor for the printed token.
+        host: 127.0.0.1 for this machine only; other addresses require the printed token.
         port: None for the first free one from 8600 on.
-        tell: is given the lines for the terminal.
+        tell: called with the lines for the terminal.
 
     Raises:
         InputError: the extra is missing, the folder cannot be written to, or the port is taken.
@@ -86,10 +86,10 @@ def listen(host: str, port: int | None) -> socket.socket:
 
 
 def reachable_name() -> str:
-    """The address by which other machines most likely reach this one."""
+    """The address at which other machines can probably reach this one."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            # Nothing is sent: a datagram socket only looks up its route.
+            # Nothing is sent: connecting a datagram socket only looks up the route.
             probe.connect(("192.0.2.1", 9))
             return str(probe.getsockname()[0])
         except OSError:

@@ -17,7 +17,7 @@ class State:
     """The project, its processes and its jobs.
 
     Attributes:
-        address: where a phone reaches the page, with the token; None where only this machine does.
+        address: address of the page for a phone, with the token; None if only this machine has access.
     """
 
     project: Project

@@ -29,7 +29,7 @@ Short = Annotated[str, Field(max_length=80)]
 
 
 class JobBody(Body):
-    """Choices of all verbs; each takes its own."""
+    """Options of all verbs; each verb uses its own."""
 
     source: Name = ""
     second: Name = ""
@@ -160,7 +160,7 @@ def plan_guide(project: Project, body: JobBody) -> Plan:
 
 
 def _board_cameras(project: Project, body: JobBody) -> list[str]:
-    """Sources of a guided calibration; one that shows both cameras side by side stands alone.
+    """Sources of a guided calibration; a single source shows both cameras side by side.
 
     Raises:
         InputError: not sources of the project, or of different kinds.
@@ -193,7 +193,7 @@ def _board_source(project: Project, name: str) -> str:
 
 
 def plan_coverage(project: Project, body: JobBody) -> Plan:
-    """The pose error to expect at every place of the floor."""
+    """The expected pose error at every place of the floor."""
     _require_map(project)
     drawing = "reports/coverage.svg"
     words = ["plan", "coverage", *_ground(project, body), "--map", "map.yaml", "-o", drawing, "--force"]
@@ -201,7 +201,7 @@ def plan_coverage(project: Project, body: JobBody) -> Plan:
 
 
 def plan_place(project: Project, body: JobBody) -> Plan:
-    """Sites of further landmarks, with the list to take along."""
+    """Sites for further landmarks, with a mounting list."""
     mounted = ["--map", "map.yaml"] if (project.root / "map.yaml").is_file() else []
     folder = "reports/mounting"
     words = ["plan", "place", *_ground(project, body), *mounted, "-o", folder, "--no-prints", "--force"]
@@ -257,7 +257,7 @@ def _run_settings(project: Project, source: str, second: str) -> dict[str, Any]:
 
 
 def _camera_run(project: Project, source: str, second: str) -> dict[str, Any]:
-    """Keys of a run from cameras; a camera alone shows left and right side by side where the rig has two.
+    """Keys of a run from cameras; a single camera shows left and right side by side if the rig has two.
 
     Raises:
         InputError: cameras that do not fit the rig, or no rig or map.
@@ -306,7 +306,7 @@ def _lmkit(words: list[str]) -> tuple[str, ...]:
 
 
 def _calibration(source: str, board: str) -> tuple[list[str], str]:
-    """Words of the command, and its report."""
+    """Arguments of the command, and its report."""
     report = f"reports/{_stem(source)}-calibration.html"
     sides = [f"{source}/left", f"{source}/right"]
     return ["calibrate", *sides, "--board", board, "-o", "rig.yaml", "--report", report, "--force"], report
@@ -401,7 +401,7 @@ def _of(project: Project, found: dict[str, Any], what: str) -> str:
     """The project's rig or map, or else the recording's own."""
     if found[f"own_{what}"] and (what == "rig" or not (project.root / "map.yaml").is_file()):
         own = f"{found['name']}/{what}.yaml"
-        return own if project.path(own).is_file() else f"{found['name']}/{what}"  # a folder, as out of a bag
+        return own if project.path(own).is_file() else f"{found['name']}/{what}"  # a folder, such as an unpacked bag
     if (project.root / f"{what}.yaml").is_file():
         return f"{what}.yaml"
     hint = "calibrate first" if what == "rig" else "survey a recording first, or write map.yaml"

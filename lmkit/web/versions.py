@@ -13,7 +13,7 @@ KEPT = 50
 
 
 def keep_versions(project: Project, *names: str) -> None:
-    """Keep copies of files that are replaced together, under one number; an empty one: there was no file."""
+    """Keep copies of files that are replaced together, under one number; an empty copy: there was no file."""
     folder = project.root / FOLDER
     number = max((_number(path) for path in folder.glob("*-[0-9][0-9][0-9][0-9][0-9].*")), default=0) + 1
     for name in names:
@@ -24,15 +24,15 @@ def keep_versions(project: Project, *names: str) -> None:
 
 
 def count_versions(project: Project, *names: str) -> int:
-    """How often `restore_versions` can go back."""
+    """Number of changes that `restore_versions` can undo."""
     return len({_number(path) for name in names for path in _changed(project, name)})
 
 
 def restore_versions(project: Project, *names: str) -> None:
-    """Undo the newest change of any of these files; one that did not exist is removed again.
+    """Undo the newest change of any of these files; a file that did not exist before is removed.
 
     Raises:
-        InputError: there is none.
+        InputError: there is no change.
     """
     changed = {name: _changed(project, name) for name in names}
     newest = max((_number(versions[-1]) for versions in changed.values() if versions), default=None)
@@ -51,7 +51,7 @@ def restore_versions(project: Project, *names: str) -> None:
 
 
 def _changed(project: Project, name: str) -> list[Path]:
-    """Versions up to the newest that differs from the file: a job may have written nothing."""
+    """Versions up to the newest one that differs from the file: a job may have written nothing."""
     versions, now = _versions(project, name), _content(project.path(name))
     while versions and versions[-1].read_bytes() == now:
         versions.pop()

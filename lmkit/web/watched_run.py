@@ -1,7 +1,7 @@
-"""A live run as a job of the page: steps go to standard output, one a line, with images while someone looks.
+"""A live run as a job of the page: steps go to standard output, one per line, with images while there are watchers.
 
-Runs as ``python -m lmkit.web.watched_run SETTINGS``: keys of a run file as JSON, or ``file`` and what it replaces.
-Standard input says ``1`` when someone begins to look and ``0`` when nobody does; its end stops the run.
+Runs as ``python -m lmkit.web.watched_run SETTINGS``: keys of a run file as JSON, or ``file`` and keys to replace.
+Standard input gets ``1`` when there are watchers and ``0`` when there are none; its end stops the run.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class PageOutput:
     """Output of a live run to the page.
 
     Args:
-        stream: lines go here.
+        stream: output stream of the lines.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -80,7 +80,7 @@ def run(task: dict[str, Any], wishes: RawIOBase, stream: BinaryIO) -> None:
 
 
 def settings_from(task: dict[str, Any]) -> RunSettings:
-    """Settings of a task; ``file`` names a run file, and other keys replace what it says."""
+    """Settings of a task; ``file`` names a run file, and other keys replace its values."""
     given = dict(task)
     name = given.pop("file", None)
     if name is None:
@@ -90,8 +90,8 @@ def settings_from(task: dict[str, Any]) -> RunSettings:
 
 
 def watch(task: dict[str, Any]) -> None:
-    """Run with the wishes of standard input, and the steps to standard output."""
-    # Unbuffered: a thread that waits in a buffered reader cannot be left behind at the end.
+    """Run with requests from standard input, and steps to standard output."""
+    # Unbuffered: at exit, Python cannot abandon a thread that waits in a buffered reader.
     with FileIO(sys.stdin.fileno(), closefd=False) as wishes:
         run(task, wishes, sys.stdout.buffer)
 

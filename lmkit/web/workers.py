@@ -1,4 +1,4 @@
-"""Work of seconds in processes of its own: the page stays awake, and a file that breaks a reader breaks no server."""
+"""Work that takes seconds, in separate processes: the page stays responsive, and a crash does not stop the server."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ P = ParamSpec("P")
 T = TypeVar("T")
 PROCESSES = 2
 LONGEST_S = 120.0
-WAITING = 16  # calls at once; more are refused
+WAITING = 16  # simultaneous calls; more are refused
 
 
 class Workers:
     """A few processes, replaced when one dies or takes too long.
 
     Args:
-        processes: how many; 0 runs everything in a thread of this process.
+        processes: number of processes; 0 runs everything in a thread of this process.
     """
 
     def __init__(self, processes: int = PROCESSES, longest_s: float = LONGEST_S) -> None:
@@ -35,7 +35,7 @@ class Workers:
         """``work(*args)`` in a process; a function at the top level of a module.
 
         Raises:
-            InputError: too many calls at once, too slow, or the process died over it.
+            InputError: too many calls at once, too slow, or the process died.
         """
         if self._waiting >= WAITING:
             raise InputError("busy", "too many requests at once", "wait until the running ones end")
@@ -76,7 +76,7 @@ class Workers:
 
 
 def _start() -> None:
-    """Quiet and single threaded, as the command line."""
+    """Without log messages and with a single thread, as on the command line."""
     import signal
 
     from lmkit.worker_processes import end_with_parent
