@@ -31,7 +31,7 @@ SCAN_HINTS = {
 
 
 def detect_recording(job: StageJob) -> dict[str, Any]:
-    """Work of one job: fetch the recording, detect, write tables part by part, delete what was fetched."""
+    """Work of one job: fetch the recording, detect, write tables part by part, delete the fetched files."""
     found = _Found()
     with tempfile.TemporaryDirectory(prefix="lmkit-") as scratch:
         folder = _fetched(job, Path(scratch))
@@ -53,7 +53,7 @@ def _opened(job: StageJob, folder: Path, rig: AnyRig | None) -> OpenRecording:
 
 
 def _parts(opened: OpenRecording) -> Iterator[tuple[Recording, Recording]]:
-    """Parts, to check with all of the odometry, and to store with the rows that span them; readings are one part."""
+    """Each part twice: with all odometry for checks, and with its own rows for the store; readings are one part."""
     if opened.rest.readings:
         yield opened.rest, opened.rest
         return
@@ -120,7 +120,7 @@ def _fetched(job: StageJob, scratch: Path) -> Path:
 
 
 def _rig_of(job: StageJob, folder: Path) -> AnyRig:
-    """The rig that was scanned, else the recording's own: its file, or camera_info of its bag."""
+    """The rig found by the scan, else the recording's own: its file, or camera_info of its bag."""
     if job.recording.rig and not Path(job.recording.rig).is_file():
         raise InputError(
             "no_rig",
@@ -163,7 +163,7 @@ def parts_to_read(job: StageJob) -> list[Part]:
 
 
 def read_detected(store: Store, part: Part) -> tuple[Recording, AnyRig | None]:
-    """Detections of a part, and the rig that took it; none of ranges and bearings.
+    """Detections of a part, and its rig; None for ranges and bearings.
 
     Raises:
         InputError: a file is missing or damaged.

@@ -16,7 +16,7 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
 DASK = "dask:"
-TRIES = 2  # of a job whose worker dies
+TRIES = 2  # runs of a job whose worker dies
 
 
 def share_of(jobs: Sequence[Job], shard: str | None) -> list[Job]:
@@ -36,10 +36,10 @@ def share_of(jobs: Sequence[Job], shard: str | None) -> list[Job]:
 def run_jobs(
     work: Callable[[Job], Answer], jobs: Sequence[Job], engine: str = "local"
 ) -> Iterator[tuple[Job, Answer | None]]:
-    """Each job with its answer, as they end; None where the worker died each time.
+    """Each job with its result, in the order of completion; None if its worker died every time.
 
     Args:
-        work: a function at the top level of a module, which raises nothing.
+        work: a function at the top level of a module, which must not raise.
         engine: ``local``, or ``dask:ADDRESS`` of a scheduler.
 
     Raises:
@@ -56,7 +56,7 @@ def run_jobs(
         left = died
         if not left:
             return
-    # One process for each, so that a job that kills its worker takes no other with it.
+    # One process per job, so that a job that kills its worker does not affect others.
     for job in left:
         lone: list[Job] = []
         with executor_for(engine, 1) as pool:

@@ -2,9 +2,9 @@
 
 Two quantities are used: the share of images that should show a landmark in which it is read, and the evidence of its
 readings, log(margin / side^2), which falls with the contrast of the print long before readings are lost.  Both are
-compared between recordings only in views of one kind (`views.py`).  Effects that all landmarks of a recording
-share, such as light, are removed.  The size of a step comes from a regression with a level for every kind of
-view; its standard deviation comes from the scatter between recordings of one landmark, of this landmark or of all
+compared between recordings only in views of one kind (`views.py`).  Effects common to all landmarks of a recording,
+such as light, are removed.  The size of a step comes from a regression with a level for every kind of
+view; its standard deviation comes from the scatter between recordings, of this landmark or of all
 landmarks, whichever is larger.
 """
 
@@ -21,12 +21,13 @@ from lmkit.model.landmark_id import LandmarkId
 
 FADED_SIGMA = 5.0
 LEAST_SHARE, LEAST_EVIDENCE = 0.2, float(np.log(1 / 0.8))  # smaller decreases are not reported
-LEAST_RECORDINGS = 2  # before a step, and from it on
+LEAST_RECORDINGS = 2  # least number before and after a step
 ENOUGH = 5  # views of one kind in one recording; more give no new information
-# Images and share of them in the best recording, for a kind of view to count: from elsewhere something may hide it.
+# Least number of images, and least share of read ones in the best recording, of a used kind of view: an object
+# may hide the landmark in other kinds.
 LEAST_EXPECTED, USUALLY_READ = 3, 0.5
-ROUNDS = 10  # of levels and recordings' own effects
-LEAST_LANDMARKS = 3  # of a recording that has an effect of its own
+ROUNDS = 10  # iterations of levels and recordings' effects
+LEAST_LANDMARKS = 3  # of a recording whose effect is estimated
 LEAST_SCATTER, MAD_SIGMA = 0.05, 1.4826  # of one landmark between recordings
 NOTHING = 1e-9
 
@@ -91,7 +92,7 @@ class SiteReadings:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """One number in one kind of view and one recording: (N,) arrays; kinds are numbered across landmarks."""
+    """One quantity by kind of view and recording: (N,) arrays; kinds are numbered across landmarks."""
 
     landmark: IntArray
     recording: IntArray
@@ -138,7 +139,7 @@ def _share_rows(recordings: Sequence[Mapping[Kind, Count]], ids: Sequence[str]) 
 
 
 def _evidence_rows(recordings: Sequence[Mapping[Kind, Count]], ids: Sequence[str]) -> _Rows:
-    """Evidence by direction, for all sizes together: its dependence on size is the same for all landmarks."""
+    """Evidence by direction, with all sizes combined: its dependence on size is the same for all landmarks."""
     seen = [
         (recording, kind, count)
         for recording, counts in enumerate(recordings)
@@ -155,7 +156,7 @@ def _evidence_rows(recordings: Sequence[Mapping[Kind, Count]], ids: Sequence[str
 
 
 def _size_curve(seen: Sequence[tuple[int, Kind, Count]]) -> dict[int, float]:
-    """Evidence by kind of size, from views of one landmark in one recording, which share light and print."""
+    """Evidence by kind of size, from views of one landmark in one recording, with the same light and print."""
     if not seen:
         return {}
     groups = {key: number for number, key in enumerate(sorted({(r, kind[0]) for r, kind, _ in seen}))}
@@ -172,7 +173,7 @@ def _size_curve(seen: Sequence[tuple[int, Kind, Count]]) -> dict[int, float]:
 
 
 def _rows(rows: Sequence[tuple[int, Kind, float, int]], ids: Sequence[str]) -> _Rows:
-    """Rows of kinds of view that at least two recordings have."""
+    """Rows of kinds of view that occur in at least two recordings."""
     several = {kind for kind in {row[1] for row in rows} if len({r for r, k, _, _ in rows if k == kind}) > 1}
     kept = [row for row in rows if row[1] in several]
     numbers = {kind: number for number, kind in enumerate(sorted(several))}
@@ -197,7 +198,7 @@ def _falls(rows: _Rows, landmarks: int, recordings: int) -> list[Step | None]:
 
 
 def _without_effects(rows: _Rows, recordings: int) -> _Rows:
-    """Values without the effects that all landmarks of a recording share."""
+    """Values without the effects common to all landmarks of a recording."""
     effects = np.zeros(recordings)
     for _ in range(ROUNDS):
         levels = replace(rows, value=rows.value - effects[rows.recording]).levels()
@@ -217,7 +218,7 @@ def _surest(rows: _Rows, pooled: float) -> Step | None:
 
 
 def _step(rows: _Rows, first: int, pooled: float) -> Step | None:
-    """Change from a recording on, by kinds of view that were seen before and after."""
+    """Change from a recording on, from kinds of view seen before and after."""
     after = (rows.recording >= first).astype(np.float64)
     within = after - replace(rows, value=after).levels()
     pull = rows.weight * np.abs(within)
@@ -236,7 +237,7 @@ def _step(rows: _Rows, first: int, pooled: float) -> Step | None:
 
 
 def _of_recordings(rows: _Rows, values: FloatArray) -> FloatArray:
-    """Weighted means of one landmark's values in one recording each."""
+    """Weighted mean of one landmark's values in each recording."""
     _, group = np.unique(np.stack([rows.landmark, rows.recording]), axis=1, return_inverse=True)
     return _means(group.ravel(), values, rows.weight)
 

@@ -1,4 +1,4 @@
-"""Faults of a fleet that a person should examine, with site, robot and day."""
+"""Faults of a fleet that should be examined, with site, robot and day."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lmkit.fleet.rig_checks import UNKNOWN, bumped_sentence, moved_cameras
 from lmkit.model.landmark_map import CALENDAR_S, day_of
 
 Rows = Sequence[tuple[FleetRecording, str, Outcome]]
-FAULT_SHARE = 0.8  # of frames that are located in a recording without a fault
-CLOCK_S, CLOCK_SIGMA = 0.25, 5.0  # the delay of odometry differs by more than both from the fleet's
+FAULT_SHARE = 0.8  # least share of located frames in a recording without a fault
+CLOCK_S, CLOCK_SIGMA = 0.25, 5.0  # largest difference of odometry's delay from the fleet's: both must be exceeded
 LEAST_CLOCKS = 3  # recordings that determine the fleet's usual delay
 AHEAD_S = 3600.0  # a recording that ends this long after its files were written has a wrong clock
 DELAY = "delay_s"
@@ -31,10 +31,10 @@ class Fault:
     Attributes:
         kind: ``failed``, ``rig``, ``clock``, ``moved``, ``faded``, ``left_out``, ``warning``, ``few_located`` or
             ``remark``.
-        sentence: what is wrong, and what to do, without site, robot and day.
-        day: first day on which it shows, such as 2026-11-27; empty: of no day.
-        until: last such day.
-        recordings: names of those that show it.
+        sentence: the problem, and what to do, without site, robot and day.
+        day: first day of the fault, such as 2026-11-27; empty: no day.
+        until: last day of the fault.
+        recordings: names of the affected recordings.
     """
 
     kind: str
@@ -70,7 +70,7 @@ def find_faults(
     Args:
         sites: facts of each surveyed site.
         detected, checked, tracked: recordings, keys and outcomes of the stages.
-        readings: how well the landmarks of each site are read.
+        readings: reading quality of the landmarks of each site.
     """
     when = {r.source: (start_of(r, o), day_of(start_of(r, o))) for r, _, o in detected}
     clocks = [*_slow_clocks(tracked, when), *_clocks_ahead(detected, when)]
@@ -87,7 +87,7 @@ def find_faults(
 
 
 def start_of(recording: FleetRecording, outcome: Outcome) -> float:
-    """Start of a recording, seconds since 1970, by its own clock where that counts from there, else by its files."""
+    """Start of a recording, seconds since 1970, by its own clock if this counts from 1970, else by its files."""
     start = outcome.facts.get("from_s")
     return float(start) if start is not None and start > CALENDAR_S else recording.modified_s
 
@@ -97,7 +97,7 @@ Row = tuple[FleetRecording, str, Outcome]
 
 
 def _runs(rows: Iterable[Row], when: When, is_off: Callable[[Row], bool]) -> list[tuple[str, list[Row]]]:
-    """Runs of one robot's consecutive recordings that are off, each with the last good day before it."""
+    """Consecutive faulty recordings of one robot, each run with the last good day before it."""
     runs = []
     ordered = sorted((row for row in rows if row[0].source in when), key=lambda row: when[row[0].source][0])
     for robot in sorted({r.robot for r, _, _ in ordered}):
@@ -119,7 +119,7 @@ def _fault(kind: str, sentence: str, run: Sequence[Row], when: When) -> Fault:
 
 
 def _bumped_rigs(checked: Rows, when: When) -> list[Fault]:
-    """Rigs that landmarks contradict, by robot, from the first day on."""
+    """Rigs contradicted by landmarks, by robot, with the first day."""
     judged = [row for row in checked if any(c["state"] != UNKNOWN for c in row[2].facts.get("cameras", ()))]
     faults = []
     for good, run in _runs(judged, when, lambda row: bool(moved_cameras(row[2].facts))):
@@ -131,7 +131,7 @@ def _bumped_rigs(checked: Rows, when: When) -> list[Fault]:
 
 
 def _slow_clocks(tracked: Rows, when: When) -> list[Fault]:
-    """Robots whose odometry's clock differs from the cameras' otherwise than in the fleet."""
+    """Robots whose delay between odometry and cameras differs from the fleet's."""
     judged = [row for row in tracked if DELAY in row[2].facts.get("parameters", {})]
     if len(judged) < LEAST_CLOCKS:
         return []
@@ -172,7 +172,7 @@ def _clocks_ahead(detected: Rows, when: When) -> list[Fault]:
 
 
 def _of_sites(sites: Mapping[str, Mapping[str, Any]], rigs: Sequence[Fault]) -> list[Fault]:
-    """Moved landmarks, recordings that are left out, and the survey's other warnings."""
+    """Moved landmarks, omitted recordings, and the survey's other warnings."""
     bumped = {name for fault in rigs for name in fault.recordings}
     faults = []
     for site, facts in sites.items():
@@ -188,7 +188,7 @@ def _of_sites(sites: Mapping[str, Mapping[str, Any]], rigs: Sequence[Fault]) -> 
 
 
 def _faded(sites: Mapping[str, SiteReadings]) -> list[Fault]:
-    """Landmarks that are read worse than before."""
+    """Landmarks whose reading quality has decreased."""
     faults = []
     for site, seen in sites.items():
         for reading in seen.readings:

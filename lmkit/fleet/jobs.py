@@ -24,7 +24,7 @@ class Outcome:
 
     Attributes:
         recording: the recording's name.
-        failure: why it failed, in one sentence; empty: it did not.
+        failure: reason of a failure, in one sentence; empty if the job succeeded.
         seconds: of the job.
         facts: numbers and texts for the report.
     """
@@ -36,13 +36,13 @@ class Outcome:
 
     @property
     def ok(self) -> bool:
-        """The job succeeded."""
+        """Whether the job succeeded."""
         return not self.failure
 
 
 @dataclass(frozen=True)
 class StageJob:
-    """One job, as a worker gets it."""
+    """One job, in the form for a worker."""
 
     store: Store
     recording: FleetRecording
@@ -56,12 +56,12 @@ StageWork = Callable[[StageJob], dict[str, Any]]
 
 @dataclass(frozen=True)
 class Guarded:
-    """Work whose exceptions become failures, written to the store where it ran."""
+    """Work whose exceptions become failures; the worker writes the outcome to the store."""
 
     work: StageWork
 
     def __call__(self, job: StageJob) -> Outcome:
-        """The outcome, after it is in the store."""
+        """The outcome, after it is written to the store."""
         start = time.perf_counter()
         facts: dict[str, Any] = {}
         failure = ""
@@ -87,7 +87,7 @@ def write_outcome(job: StageJob, outcome: Outcome) -> None:
 
 
 def read_outcome(store: Store, stage: str, key: str) -> Outcome | None:
-    """Outcome of a job; None: it was not run."""
+    """Outcome of a job; None if it was not run."""
     return _read_row(store, stage, key) if store.exists(_row(stage, key)) else None
 
 
@@ -97,7 +97,7 @@ def _read_row(store: Store, stage: str, key: str) -> Outcome:
 
 
 def read_outcomes(store: Store, stage: str, keys: Sequence[str]) -> dict[str, Outcome]:
-    """Outcomes of those of the jobs that were run, by key.
+    """Outcomes of the jobs that were run, by key.
 
     One listing finds them, and rows are read in parallel: a bucket needs a tenth of a second for each.
     """
@@ -116,10 +116,10 @@ class StageRun:
     """A run of a stage; iterating over its outcomes runs the jobs.
 
     Attributes:
-        jobs: still to do.
-        work: of each.
-        engine: that does it.
-        failed_before: how many failed in an earlier run, and are left alone.
+        jobs: remaining jobs.
+        work: function that runs a job.
+        engine: engine that runs the jobs.
+        failed_before: number of jobs that failed in an earlier run, and are not repeated.
     """
 
     jobs: tuple[StageJob, ...]
@@ -128,7 +128,7 @@ class StageRun:
     failed_before: int
 
     def __iter__(self) -> Iterator[Outcome]:
-        """Outcomes, as the jobs end."""
+        """Outcomes, in the order of completion."""
         for job, outcome in run_jobs(Guarded(self.work), self.jobs, self.engine):
             if outcome is None:
                 outcome = Outcome(job.recording.name, DIED)
@@ -146,15 +146,15 @@ def run_stage(
     retry: bool = False,
     recordings: Sequence[FleetRecording] | None = None,
 ) -> StageRun:
-    """A run of the jobs that are still to do.
+    """A run of the remaining jobs.
 
     Args:
-        options: everything beside the recording that the results depend on.
-        recordings: those to work on; None: all.
+        options: all inputs of the results besides the recording.
+        recordings: recordings to process; None: all.
         retry: run failed jobs again.
 
     Raises:
-        InputError: nothing was scanned, or no such shard; while it runs, the engine cannot be had.
+        InputError: nothing was scanned, or no such shard; during the run, the engine is not available.
     """
     chosen = share_of(stored_recordings(store) if recordings is None else recordings, shard)
     keys = [recording.key(stage, options) for recording in chosen]

@@ -36,9 +36,9 @@ class SiteSurvey:
     """Map of one site.
 
     Attributes:
-        site: its name; empty where the fleet has one site.
+        site: its name; empty if the fleet has one site.
         landmarks: the map.
-        facts: JSON of ``lmkit fleet survey`` (docs/formats.md): that of ``lmkit survey`` with several recordings.
+        facts: JSON of ``lmkit fleet survey`` (docs/formats.md), as for ``lmkit survey`` with several recordings.
     """
 
     site: str
@@ -46,18 +46,18 @@ class SiteSurvey:
     facts: Mapping[str, Any]
 
     def extending(self, earlier: Mapping[str, Any]) -> SiteSurvey:
-        """With the facts of the survey that this one extends (`extended_surveys`)."""
+        """This survey with the facts of the survey that it extends (`extended_surveys`)."""
         moved = [*earlier["moved"], *self.facts["moved"]]
         return replace(self, facts={**self.facts, "moved": moved, "extends": made_from(earlier)})
 
 
 @dataclass(frozen=True)
 class PartSurvey:
-    """Work of one job: survey a part alone.
+    """Work of one job: survey a single part.
 
     Attributes:
-        store: that has its detections.
-        size_m: side of the landmarks, meters; those that are known have their own.
+        store: store of its detections.
+        size_m: side of the landmarks, meters; known landmarks have their own.
         anchors: landmarks with known poses.
     """
 
@@ -66,7 +66,7 @@ class PartSurvey:
     anchors: Mapping[LandmarkId, Anchor]
 
     def __call__(self, part: Part) -> LoneSurvey | str:
-        """Survey of the part, or why there is none."""
+        """Survey of the part, or the reason why there is none."""
         try:
             recording, rig = read_detected(self.store, part)
         except InputError as error:
@@ -78,7 +78,7 @@ class PartSurvey:
 
 
 def parts_by_site(store: Store, options: Mapping[str, Any], since: str = "") -> dict[str, list[Part]]:
-    """Parts of the recordings that were detected with these options and saw a landmark, from early to late.
+    """Parts of the recordings that were detected with these options and saw a landmark, in the order of time.
 
     Args:
         since: first day, such as 2026-11-27; empty: all.
@@ -95,14 +95,14 @@ def parts_by_site(store: Store, options: Mapping[str, Any], since: str = "") -> 
 
 
 def extended_surveys(store: Store, sites: Mapping[str, Sequence[Part]], known: bytes) -> dict[str, dict[str, Any]]:
-    """Facts of the stored surveys that a known map is the result of, by site.
+    """Facts of the stored surveys whose result is the known map, by site.
 
     Args:
-        sites: parts of the recordings that are to extend it.
-        known: content of its file.
+        sites: parts of the recordings that extend the map.
+        known: content of the map's file.
 
     Raises:
-        InputError: it was made from some of those, which would count twice.
+        InputError: the map was already made from some of these recordings, which would count twice.
     """
     surveyed = stored_sites(store)
     stored = {site: surveyed[site] for site in sites if site in surveyed}
@@ -120,12 +120,12 @@ def extended_surveys(store: Store, sites: Mapping[str, Sequence[Part]], known: b
 
 
 def made_from(facts: Mapping[str, Any]) -> list[str]:
-    """Names of the recordings that a site's map was made from, those of the map that it extends first."""
+    """Names of the recordings of a site's map, first those of the map that it extends."""
     return [*facts.get("extends", []), *(recording["name"] for recording in facts["recordings"])]
 
 
 def share_joined(facts: Mapping[str, Any]) -> str:
-    """How many recordings a site's map was made from, such as ``8 of 9 recordings``."""
+    """Number of recordings in a site's map, such as ``8 of 9 recordings``."""
     count = len(made_from(facts))
     return f"{count} of {count + len(facts['left_out'])} recordings"
 
@@ -139,16 +139,16 @@ def survey_site(
     bumped: Mapping[str, str] | None = None,
     engine: str = "local",
 ) -> SiteSurvey:
-    """Survey the parts of one site into one map: each alone on the engine, then all together here.
+    """Survey the parts of one site into one map: each one separately on the engine, then all together here.
 
     Args:
         size_m: side of the landmarks, meters; landmarks in ``known`` have their own.
         known: landmarks with known poses, such as yesterday's map; it defines the map frame.
-        bumped: why a recording's rig is no longer true, by the recording's name; those are left out while there are
-            others.
+        bumped: reason why a recording's rig is no longer valid, by the recording's name; these are omitted if there
+            are others.
 
     Raises:
-        InputError: no recording can be surveyed, or the engine cannot be had.
+        InputError: no recording can be surveyed, or the engine is not available.
     """
     if all(store.exists(f"{part_folder(f'{DETECT}/{p.key}', p.number)}/{READINGS}") for p in parts):
         return _survey_readings(store, site, parts, size_m, known)
@@ -167,7 +167,7 @@ def survey_site(
 
 
 def _stored(answer: LoneSurvey | str, path: Path) -> LoneSurvey | str:
-    """The survey of a part, whose observations are in a file: a site has more of them than there is memory.
+    """The survey of a part, with its observations in a file, since those of a site may exceed the memory.
 
     Raises:
         InputError: they cannot be written.
@@ -214,7 +214,7 @@ def _survey_readings(
 
 
 def write_site(store: Store, surveyed: SiteSurvey) -> str:
-    """Write the map and the facts of a site into the store; the map's text."""
+    """Write the map and the facts of a site into the store; returns the map's text."""
     text = map_to_yaml(surveyed.landmarks)
     store.write(f"{STAGE}/{surveyed.site or 'site'}.yaml", text)
     store.write_table(f"{STAGE}/{surveyed.site or 'site'}.parquet", {"site": [surveyed.site]}, surveyed.facts)

@@ -1,4 +1,4 @@
-"""Parts: stretches of a recording as tables of the store, so that no job holds more than one of a long recording."""
+"""Parts: sections of a recording as tables of the store, so that a job needs memory for one section only."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Part:
     Attributes:
         recording: the recording's name.
         key: of the recording's detections.
-        number, count: which part of how many, from 1.
+        number, count: number of the part, from 1, and number of parts.
     """
 
     recording: str
@@ -44,7 +44,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """Name in messages and reports: that of the recording, and the part where there are several."""
+        """Name in messages and reports: the recording's name, with the part if there are several."""
         return self.recording if self.count == 1 else f"{self.recording}, part {self.number} of {self.count}"
 
 
@@ -54,7 +54,7 @@ def recording_of(part: str) -> str:
 
 
 def split_frames(frames: Iterable[RigFrame], most: int) -> Iterator[tuple[RigFrame, ...]]:
-    """Parts of ``most`` frames; the last one has half of that to one and a half, unless it is the only one."""
+    """Parts of ``most`` frames; the last one has 0.5 to 1.5 times as many, unless it is the only one."""
     source = iter(frames)
     part = tuple(islice(source, most))
     while part:
@@ -67,7 +67,7 @@ def split_frames(frames: Iterable[RigFrame], most: int) -> Iterator[tuple[RigFra
 
 
 def part_folder(folder: str, number: int) -> str:
-    """Folder of a part below that of its recording."""
+    """Folder of a part inside its recording's folder."""
     return f"{folder}/{number:04d}"
 
 

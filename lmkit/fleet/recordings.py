@@ -20,12 +20,12 @@ from lmkit.pipelines.recording_folder import DETECTIONS, READINGS, VIDEOS
 from lmkit.version import __version__
 
 TABLE = "recordings.parquet"
-LAYOUT = 3  # of what stages write; another one is another result
+LAYOUT = 3  # version of the stages' output; another version is another result
 BAGS = (".mcap", ".bag", ".db3")
 BAG_FOLDER_HAS = "metadata.yaml"  # of a ROS 2 bag
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
-LIMITS = ("max_bytes",)  # options that stop a job, and change no result
+LIMITS = ("max_bytes",)  # options that stop a job, but do not change results
 TOPIC_ROLES = ("left", "right", "left_info", "right_info", "odometry", "imu")
 KNOWN = ("site", "robot", "recording", "date")
 DATE = re.compile(r"(?<!\d)(\d{4})-?(\d{2})-?(\d{2})(?!\d)")  # 2026-11-27 or 20261127
@@ -33,16 +33,17 @@ DATE = re.compile(r"(?<!\d)(\d{4})-?(\d{2})-?(\d{2})(?!\d)")  # 2026-11-27 or 20
 
 @dataclass(frozen=True)
 class FleetRecording:
-    """One recording, as `lmkit fleet scan` found it.
+    """One recording found by `lmkit fleet scan`.
 
     Attributes:
         source: path or URI of a bag or of a folder with the recording's files.
-        site: hall or building; each has a map of its own.  Empty: there is one.
+        site: hall or building with its own map; empty if there is only one.
         robot: name of the robot.
         rig: path of the rig file; empty: ``rig.yaml`` in the recording's folder, or camera_info in the bag.
-        bytes, modified_s: size and latest change of the source; another size or time is another recording.
+        bytes, modified_s: size and time of the latest change of the source; if either differs, it is another
+            recording.
         wheel_track_m: distance between the wheels, meters; 0: not known.
-        topics: of a bag, as `parse_topics` reads them; empty: found by type and name.
+        topics: of a bag, in the form of `parse_topics`; empty: found by type and name.
     """
 
     source: str
@@ -60,14 +61,14 @@ class FleetRecording:
         return "/".join(part for part in (self.site, self.robot, Path(self.source).name) if part)
 
     def own_options(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """The options that concern this recording: of all ``maps`` that of its site."""
+        """The options of this recording: of all ``maps`` only its site's."""
         maps = options.get("maps")
         if maps is None:
             return dict(options)
         return {**options, "maps": {site: text for site, text in maps.items() if site == self.site}}
 
     def key(self, stage: str, options: Mapping[str, Any]) -> str:
-        """Name of a stage's results: what was computed with the same version and options is not computed again."""
+        """Name of a stage's results; results with the same version and options are not computed again."""
         rig = Path(self.rig)
         content = rig.read_bytes() if self.rig and rig.is_file() else b""
         own = {name: value for name, value in self.own_options(options).items() if name not in LIMITS}
@@ -97,17 +98,17 @@ def parse_topics(text: str) -> dict[str, str | None]:
 def find_recordings(
     pattern: str, rig: str = "", wheel_track_m: float = 0.0, topics: str = ""
 ) -> list[FleetRecording]:
-    """Recordings whose paths fit a pattern.
+    """Recordings whose paths match a pattern.
 
     Args:
         pattern: path or URI with ``*``, ``**`` and the names ``{site}``, ``{robot}``, ``{recording}``, ``{date}``,
-            each of which stands for one part of the path: ``logs/{site}/{robot}/*.mcap``.
-        rig: path of the rig files, with the same names: ``rigs/{robot}.yaml``; with ``{date}``, of several files the
-            last one that is not later than the recording: ``rigs/{robot}/{date}.yaml``.
-        wheel_track_m, topics: of all of them, as of `FleetRecording`.
+            each of which matches one part of the path: ``logs/{site}/{robot}/*.mcap``.
+        rig: path of the rig files, with the same names: ``rigs/{robot}.yaml``; with ``{date}``, the
+            last of several files that is not later than the recording: ``rigs/{robot}/{date}.yaml``.
+        wheel_track_m, topics: for all of them; see `FleetRecording`.
 
     Raises:
-        InputError: an unknown name, a rig's name that the pattern lacks, topics that are none, or nothing fits.
+        InputError: an unknown name, a name in the rig path that is not in the pattern, invalid topics, or no match.
     """
     from pyarrow import fs
 
@@ -157,9 +158,9 @@ def find_recordings(
 
 
 def _rig_file(template: str, parts: Mapping[str, str], modified_s: float) -> str:
-    """The rig file of a recording; of several with dates the last one that is not later than it.
+    """The rig file of a recording; of several files with dates, the last one that is not later than the recording.
 
-    The recording's day is ``{date}`` of its path if that is a date, else the day of its latest change.
+    The recording's day is ``{date}`` of its path if this is a date, else the day of its latest change.
     """
     day = _date_in(parts.get("date", "")) or day_of(modified_s)
     # A worker has another working folder.
@@ -204,7 +205,7 @@ def _expression(pattern: str) -> str:
 
 
 def _extent(files: Any, info: Any) -> tuple[int | None, float]:
-    """Bytes and time of the latest change of a recording; None bytes of what is none."""
+    """Bytes and time of the latest change of a recording; None instead of bytes if it is not a recording."""
     from pyarrow import fs
 
     if info.type == fs.FileType.File:
@@ -226,7 +227,7 @@ def add_recordings(store: Store, found: list[FleetRecording]) -> tuple[int, int]
     """Add recordings to the store's table; those with the same source are replaced.
 
     Returns:
-        How many are new or changed, and how many there are in all.
+        Number of new or changed recordings, and number of all.
     """
     known = {r.source: r for r in stored_recordings(store)} if store.exists(TABLE) else {}
     changed = sum(known.get(r.source) != r for r in found)

@@ -34,10 +34,10 @@ class FleetState:
     """All results in a store that belong to the same options.
 
     Attributes:
-        recordings: how many there are, detected or not.
+        recordings: number of all recordings, detected or not.
         sites: facts of each surveyed site.
         detected, checked, tracked: recordings, keys and outcomes of the stages.
-        readings: how well the landmarks of each site are read.
+        readings: reading quality of the landmarks of each site.
     """
 
     recordings: int
@@ -48,7 +48,7 @@ class FleetState:
     readings: Mapping[str, SiteReadings]
 
     def faults(self) -> list[Fault]:
-        """Everything that a person should look at."""
+        """All faults that should be examined."""
         return find_faults(self.sites, self.detected, self.checked, self.tracked, self.readings)
 
 
@@ -56,7 +56,7 @@ def fleet_state(store: Store, detect: Mapping[str, Any], track: Mapping[str, Any
     """The store's results.
 
     Args:
-        detect, track: options of the stages; None: nothing was tracked.
+        detect, track: options of the stages; None if nothing was tracked.
     """
     check = stored_check_options(store)
     detected = done_jobs(store, DETECT, detect)
@@ -72,7 +72,7 @@ def fleet_state(store: Store, detect: Mapping[str, Any], track: Mapping[str, Any
 
 
 def _site_readings(store: Store, detected: Rows, tracked: Rows) -> dict[str, SiteReadings]:
-    """How well the landmarks of each site are read in its tracked recordings."""
+    """Reading quality of the landmarks of each site in its tracked recordings."""
     views = read_views(store, tracked)
     start_s = {recording.source: start_of(recording, outcome) for recording, _, outcome in detected}
     known = sorted(views.keys() & start_s.keys(), key=lambda source: start_s[source])
@@ -135,7 +135,7 @@ def _robots(state: FleetState) -> str:
 
 
 def _days(state: FleetState) -> str:
-    """How much of each day's driving was located: landmarks that fade or are covered show here."""
+    """Share of located driving by day, which decreases if landmarks fade or are covered."""
     tracks = {r.source: o.facts for r, _, o in state.tracked if o.ok}
     days: dict[str, list[str]] = {}
     for recording, _, outcome in state.detected:
@@ -156,7 +156,7 @@ def _days(state: FleetState) -> str:
 
 
 def _landmarks(sites: Mapping[str, SiteReadings]) -> str:
-    """How well landmarks are read: those first whose readings fell most surely."""
+    """Reading quality of landmarks, the most significant decrease first."""
     rows = [(_sureness(r), site, r) for site, seen in sites.items() for r in seen.readings]
     rows.sort(key=lambda row: row[0])
     cells = [
@@ -184,7 +184,7 @@ def _sureness(reading: Reading) -> float:
 
 
 def _change(step: Step | None, percent: Callable[[float], float], unit: str) -> str:
-    """A fall and its deviation; a dash where nothing fell."""
+    """A decrease and its standard deviation; a dash without a decrease."""
     if step is None or step.change >= 0:
         return "-"
     return f"{percent(step.change):z.0f} ± {percent(step.sigma):.0f}{unit}"

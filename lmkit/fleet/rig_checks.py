@@ -1,4 +1,4 @@
-"""Rig checks: is the rig file of a robot still true on the day of a recording, by the landmarks that it saw?"""
+"""Rig checks: whether a robot's rig file is valid for a recording, from the landmarks in it."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from lmkit.pipelines.landmark_views import recorded_landmark_pairs
 
 STAGE = "check"
 OPTIONS = f"{STAGE}/options.json"
-VIEWS = 24  # of landmarks that two cameras see at once; the check takes time with their number
-BUMPED_SIGMA = 5.0  # of a turn or shift of a camera that has moved
-# Of a camera: words for the axes, key in `check_dict`, unit, digits, and the largest error of a rig file.
+VIEWS = 24  # views of landmarks in two cameras at once; the time of the check grows with their number
+BUMPED_SIGMA = 5.0  # standard deviations of a rotation or shift of a moved camera
+# Motions of a camera: words for the axes, key in `check_dict`, unit, digits, and the largest error of a rig file.
 MOTIONS = (
     (("pitched", "yawed", "rolled"), "turn", "deg", 2, 0.15),
     (("shifted along x", "shifted along y", "shifted along z"), "shift", "mm", 1, 3.0),
 )
-UNKNOWN = "unknown"  # state where too few landmarks are seen by two cameras
+UNKNOWN = "unknown"  # state if two cameras have too few common landmarks
 
 
 def check_options(detect: Mapping[str, Any], size_m: float, known_m: Mapping[LandmarkId, float]) -> dict[str, Any]:
-    """Everything that the checks depend on.
+    """All options of the checks.
 
     Args:
         detect: options of detection.
         size_m: side of the landmarks, meters.
-        known_m: of landmarks that have another one.
+        known_m: side of landmarks with another size.
     """
     own = {str(id_): size for id_, size in sorted(known_m.items()) if size != size_m}
     return {"detect": dict(detect), "size_m": size_m, "known_m": own}
 
 
 def store_check_options(store: Store, options: Mapping[str, Any]) -> None:
-    """Keep the options of the last checks, for the report."""
+    """Store the options of the last checks, for the report."""
     store.write(OPTIONS, json.dumps(dict(options)))
 
 
 def stored_check_options(store: Store) -> dict[str, Any] | None:
-    """Options of the last checks; None: nothing was checked."""
+    """Options of the last checks; None if nothing was checked."""
     if not store.exists(OPTIONS):
         return None
     options: dict[str, Any] = json.loads(store.read(OPTIONS))
@@ -57,16 +57,16 @@ def stored_check_options(store: Store) -> dict[str, Any] | None:
 
 
 def bumped_recordings(store: Store, options: Mapping[str, Any]) -> dict[str, str]:
-    """Reason by name of each recording whose rig file is no longer true."""
+    """Reason, by name of the recording, why its rig file is no longer valid."""
     rows = done_jobs(store, STAGE, options)
     moved = {recording.name: moved_cameras(outcome.facts) for recording, _, outcome in rows}
     return {name: f"{bumped_sentence(some)} against its rig file" for name, some in moved.items() if some}
 
 
 def check_recording(job: StageJob) -> dict[str, Any]:
-    """Work of one job: each camera of the rig against the first one, as `lmkit calibrate --check` does it.
+    """Work of one job: compare each camera of the rig with the first one, as in `lmkit calibrate --check`.
 
-    Of several parts the last one in which two cameras saw enough is checked.
+    Of several parts, the last one with enough landmarks common to two cameras is checked.
     """
     options = job.options
     known_m = {LandmarkId.parse(id_): size for id_, size in options["known_m"].items()}
@@ -85,11 +85,11 @@ def check_recording(job: StageJob) -> dict[str, Any]:
 def pair_check(
     rig: AnyRig, frames: Sequence[RigFrame], sizes_m: Mapping[LandmarkId, float], most: int
 ) -> list[dict[str, Any]]:
-    """Facts of `check_dict` about each camera of a rig against the first one.
+    """Facts of `check_dict` for each camera of a rig relative to the first one.
 
     Args:
         sizes_m: side of each landmark.
-        most: views at most.
+        most: largest number of views.
     """
     first, *others = mounted_cameras(rig)
     cameras = []
@@ -111,10 +111,10 @@ def _pair(first: MountedCamera, other: MountedCamera) -> StereoRig:
 
 
 def moved_cameras(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Cameras of a checked recording that stand otherwise to the first one than the rig file says.
+    """Cameras of a checked recording whose pose relative to the first one differs from the rig file.
 
-    A fit that is better, but hardly differs from the rig file, is no camera that was bumped: rig files err, surveys
-    estimate by how much (`mapping/camera_relations.py`), and a recording is not left out of the map for that.
+    A better fit with little difference from the rig file is not a moved camera: rig files have errors, surveys
+    estimate these errors (`mapping/camera_relations.py`), and such recordings stay in the map.
     """
     judged = [camera for camera in facts.get("cameras", ()) if camera["state"] not in ("true", UNKNOWN)]
     return [camera for camera in judged if _surest_motion(camera)[0] > 1.0]
@@ -126,7 +126,7 @@ def bumped_sentence(cameras: list[dict[str, Any]]) -> str:
 
 
 def _surest_motion(camera: dict[str, Any]) -> tuple[float, str]:
-    """The motion about or along one axis that stands out most: by how much it is over the limits, and in words."""
+    """The most significant motion about or along one axis: its ratio to the limit, and its description."""
     found = [
         (abs(value) / max(BUMPED_SIGMA * sigma, least), f"{word} by {value:+.{digits}f} ± {sigma:.{digits}f} {unit}")
         for words, name, unit, digits, least in MOTIONS

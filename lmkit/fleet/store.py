@@ -19,7 +19,7 @@ ROWS_KEY = b"lmkit"  # key of the JSON in a table's metadata
 
 
 def require_arrow() -> None:
-    """Refuse to go on without pyarrow.
+    """Require pyarrow.
 
     Raises:
         InputError: pyarrow is not installed.
@@ -50,14 +50,14 @@ class Store:
         return open_uri(self.uri)
 
     def exists(self, name: str) -> bool:
-        """A file of that name is there."""
+        """Whether a file of this name exists."""
         files, root = self._place
         from pyarrow import fs
 
         return bool(files.get_file_info(f"{root}/{name}").type == fs.FileType.File)
 
     def names(self, folder: str) -> list[str]:
-        """Names of the files in a folder, without those half written; none where there is no such folder."""
+        """Names of the files in a folder, without incomplete files; empty if there is no such folder."""
         files, root = self._place
         from pyarrow import fs
 
@@ -79,7 +79,7 @@ class Store:
             raise InputError("store_unreadable", f"{self.uri}: cannot read {name} ({error})", _HINT) from None
 
     def write(self, name: str, content: bytes | str) -> None:
-        """Write a file, whole or not at all; an existing one is replaced.
+        """Write a file completely or not at all; an existing file is replaced.
 
         Raises:
             InputError: it cannot be written.
@@ -90,7 +90,7 @@ class Store:
         data = content.encode() if isinstance(content, str) else content
         folder, _, last = name.rpartition("/")
         where, target = f"{root}/{folder}".rstrip("/"), f"{root}/{name}"
-        # Objects in a bucket appear when they are closed; files appear under another name and are moved.
+        # Objects in a bucket appear when they are closed; files are written under another name and moved.
         local = isinstance(files, fs.LocalFileSystem)
         written = f"{where}/.{last}.{uuid4().hex}" if local else target
         try:
@@ -106,17 +106,17 @@ class Store:
     def read_table(self, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
         """Columns of a Parquet file, and the JSON object written with it.
 
-        Numbers come as arrays, (N,) or (N,K), everything else as lists.
+        Numbers are arrays, (N,) or (N,K); other columns are lists.
 
         Raises:
-            InputError: it cannot be read, or is no such file.
+            InputError: it cannot be read, or is not such a file.
         """
         require_arrow()
         import pyarrow as pa
         from pyarrow import parquet
 
         try:
-            # Threads of pyarrow that still run when the interpreter ends abort it, now and then.
+            # Running pyarrow threads sometimes abort the interpreter at exit.
             table = parquet.ParquetFile(pa.BufferReader(self.read(name))).read(use_threads=False)
         except (pa.ArrowException, OSError) as error:
             raise InputError("store_damaged", f"{self.uri}: {name} is damaged ({error})", "delete it") from None

@@ -1,4 +1,4 @@
-"""`lmkit fleet track`: every recording through the map of its site, and what that says of its robot."""
+"""`lmkit fleet track`: every recording located in the map of its site, and the state of its robot."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 
 STAGE = "track"
-LEAST_SIGMA = 1e-9  # of a parameter that is held
+LEAST_SIGMA = 1e-9  # of a fixed parameter
 
 
 def track_recording(job: StageJob) -> dict[str, Any]:
-    """Work of one job: the trajectory of every part as a table, how landmarks were read, and a summary.
+    """Work of one job: the trajectory of every part as a table, the reading quality of landmarks, and a summary.
 
     Options: ``maps`` has the text of every site's map; ``detect`` the options of detection.
     """
@@ -77,7 +77,7 @@ class _Passed:
 
 
 def _weighted_mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, float]:
-    """Mean of independent estimates, and its standard deviation; one of them as it is."""
+    """Mean of independent estimates, and its standard deviation; a single one is unchanged."""
     if len(values) == 1:
         return values[0], sigmas[0]
     weights = 1 / np.maximum(sigmas, LEAST_SIGMA) ** 2

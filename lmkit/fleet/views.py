@@ -1,7 +1,7 @@
-"""Views: how well each landmark was read where the robot's pose puts it wholly into an image.
+"""Views: reading quality of each landmark in images that show it completely, by the robot's pose.
 
-Views of one kind, of like size in the image and from a like direction, can be compared over days: what hides a
-landmark from one side today hides it tomorrow.
+Views of one kind, of similar size in the image and from a similar direction, can be compared over days: an object
+that hides a landmark from one side today also hides it tomorrow.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from lmkit.model.pose_status import PoseStatus
 from lmkit.model.recording import RigFrame
 from lmkit.model.tracked_trajectory import TrackedTrajectory
 
-EVERY_S = 0.4  # images in between show the same
+EVERY_S = 0.4  # images in between are nearly equal
 LEAST_SIDE_PX, BORDER_PX = 12.0, 8.0  # of a landmark that is expected to be read
-SURE_M = 0.1  # standard deviation of a pose that says what is in the image
-STEPS_PER_OCTAVE = 3  # kinds of size in the image
-AZIMUTH_RAD = np.deg2rad(20.0)  # kinds of direction, about the vertical through the landmark
+SURE_M = 0.1  # largest standard deviation of a pose that predicts visible landmarks
+STEPS_PER_OCTAVE = 3  # classes of size in the image
+AZIMUTH_RAD = np.deg2rad(20.0)  # classes of direction, about the vertical through the landmark
 COLUMNS = ("id", "size", "direction", "expected", "read", "evidence", "weighed")
 
-Kind = tuple[str, int, int]  # landmark, kind of size, kind of direction
+Kind = tuple[str, int, int]  # landmark, class of size, class of direction
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Count:
     Attributes:
         expected, read: images that should show the landmark, and those in which it was read.
         evidence: sum of log(margin / side^2) of readings that have a margin; the margin grows with the pixels.
-        weighed: how many those are.
+        weighed: number of these readings.
     """
 
     expected: int = 0
@@ -100,7 +100,7 @@ class Views:
 def _sure_poses(
     frames: Sequence[RigFrame], rig: AnyRig, tracked: TrackedTrajectory
 ) -> Iterator[tuple[RigFrame, Pose]]:
-    """Frames whose pose is sure, not too close in time, with T_map_left."""
+    """Frames with a precise pose, not too close in time, with T_map_left."""
     by_time = {frame.time_s: frame for frame in frames}
     last_s = -np.inf
     for time_s, pose, C, status in zip(
@@ -120,7 +120,7 @@ def write_views(store: Store, key: str, views: Views) -> None:
 
 
 def read_views(store: Store, tracked: Sequence[tuple[FleetRecording, str, Outcome]]) -> dict[str, dict[Kind, Count]]:
-    """Counts of every tracked recording by its source, read side by side."""
+    """Counts of every tracked recording by its source, read in parallel."""
     done = [(recording.source, key) for recording, key, outcome in tracked if outcome.ok]
     with ThreadPoolExecutor(READERS) as pool:
         return dict(zip((s for s, _ in done), pool.map(partial(_read, store), (k for _, k in done)), strict=True))

@@ -1,4 +1,4 @@
-"""Images of a step with what was read in them, as one JPEG: for the page, and for a topic of ROS 2."""
+"""Images of a step with their detections, as one JPEG: for the page, and for a topic of ROS 2."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def annotated_jpeg(state: LiveState) -> bytes:
 
 
 def _drawn(view: CameraView, state: LiveState) -> ByteArray:
-    """A camera's image, small: read landmarks green, contradicting ones red, expected and unread ones magenta."""
+    """A camera's image, reduced: read landmarks green, outliers red, expected but unread ones magenta."""
     import cv2
 
     from lmkit.visualization.overlay import GREEN, MAGENTA, RED, draw_landmarks

@@ -1,4 +1,4 @@
-"""Cameras that read nothing although landmarks should be clearly in their image: a covered lens, darkness."""
+"""Cameras without detections although landmarks should be clearly visible: a covered lens, darkness."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from lmkit.live.state import CameraView, Event
 from lmkit.model.landmark_id import LandmarkId
 
-NAMED_AFTER_S = 2.0  # of images that should clearly show a landmark
+NAMED_AFTER_S = 2.0  # duration of images that should clearly show a landmark, before an event
 LONGEST_GAP_S = 1.0  # between two such images
 
 
 class BlindCameras:
-    """Names cameras that are blind, and cameras that read again."""
+    """Reports cameras without detections, and cameras that detect again."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
@@ -26,7 +26,7 @@ class BlindCameras:
         """Events of a step.
 
         Args:
-            plain: per camera, landmarks that should be clearly in its image, by a pose that another camera confirms.
+            plain: per camera, landmarks that should be clearly visible with a pose confirmed by another camera.
         """
         events = []
         for k, (view, expected) in enumerate(zip(views, plain, strict=True)):

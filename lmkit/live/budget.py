@@ -6,16 +6,16 @@ from collections import deque
 
 import numpy as np
 
-STEPS = 45  # that are looked at
-CALM_STEPS = 150  # within the budget before more is tried again
-EASY = 0.5  # share of the budget below which more is tried
+STEPS = 45  # steps for the 95 % latency
+CALM_STEPS = 150  # steps within the budget before the work is increased again
+EASY = 0.5  # share of the budget; the work is increased only below it
 
 
 class LatencyBudget:
     """Keeps the 95 % latency below a bound by reducing the work.
 
     Attributes:
-        level: 0 as asked for, 1 ``fast``, 2 ``fast`` and every other image.
+        level: 0 the requested profile, 1 ``fast``, 2 ``fast`` and every other image.
     """
 
     def __init__(self, budget_s: float, profile: str) -> None:
@@ -26,7 +26,7 @@ class LatencyBudget:
 
     @property
     def profile(self) -> str:
-        """The detector's profile now."""
+        """The detector's current profile."""
         return self._profile if self.level == 0 else "fast"
 
     @property

@@ -1,4 +1,4 @@
-"""Open image sources: cameras, streams and commands; each read gives a stamp and one or two images."""
+"""Open image sources: cameras, streams and commands; each read returns a stamp and one or two images."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ OPEN_MS, READ_MS = 5000, 3000
 CHUNK = 1 << 16
 MOST_BYTES = 32 << 20
 START, END = b"\xff\xd8", b"\xff\xd9"  # of a JPEG file
-NEAR_S = 5.0  # a driver's stamp is of the monotonic clock if it is so near to now
+NEAR_S = 5.0  # a driver's stamp this close to the current time is of the monotonic clock
 
 
 class SourceLost(Exception):
-    """A source gives no more images; the message says why."""
+    """A source gives no more images; the message has the reason."""
 
 
 class SourceEnded(Exception):
@@ -92,11 +92,11 @@ class VideoCapture:
         if "fps" in address.options:
             self._video.set(cv2.CAP_PROP_FPS, address.number("fps", 30))
         if "exposure" in address.options:
-            self._video.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # manual, as Video4Linux counts
+            self._video.set(cv2.CAP_PROP_AUTO_EXPOSURE, 1)  # manual exposure in Video4Linux
             self._video.set(cv2.CAP_PROP_EXPOSURE, address.number("exposure", 100))
 
     def read(self) -> tuple[float, tuple[ByteArray, ...]]:
-        """See `Capture`; the stamp is the driver's where it has one."""
+        """See `Capture`; the stamp is the driver's if available."""
         more, image = self._video.read()
         if not more or image is None:
             raise SourceLost("no more images")
@@ -119,7 +119,7 @@ class PipeCapture:
         self._clock, self._latency_s = clock, address.latency_s
         try:
             words = shlex.split(address.target)
-            # A group of its own, so that what the command starts ends with it.
+            # A separate process group, so that child processes end with the command.
             self._process = subprocess.Popen(
                 words,
                 stdout=subprocess.PIPE,
@@ -150,7 +150,7 @@ class PipeCapture:
                 raise SourceLost("the command writes no MJPEG")
 
     def close(self) -> None:
-        """End the command and what it started."""
+        """End the command and its child processes."""
         try:
             if hasattr(os, "killpg"):
                 os.killpg(self._process.pid, signal.SIGTERM)
@@ -167,7 +167,7 @@ class PipeCapture:
 
 
 def take_jpeg(stream: bytearray) -> bytes | None:
-    """The first whole JPEG file of a stream, taken out of it; None if there is none yet."""
+    """Remove the first complete JPEG file from a stream, and return it; None if there is none yet."""
     start = stream.find(START)
     if start < 0:
         del stream[:-1]
@@ -196,7 +196,7 @@ class SplitCapture:
 
 
 def list_cameras(most: int = 10) -> list[tuple[str, str]]:
-    """Addresses of the cameras of this machine, with what is known of each."""
+    """Addresses of the cameras of this machine, with the known properties of each."""
     found: list[tuple[str, str]] = []
     devices = sorted(Path("/dev/v4l/by-id").glob("*")) if Path("/dev/v4l/by-id").is_dir() else []
     named = {path.resolve(): path for path in devices}

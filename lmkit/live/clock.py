@@ -1,4 +1,4 @@
-"""The loop's clock: Unix time at the start, monotonic from there on, so that no jump of the system's clock reaches
+"""The loop's clock: Unix time at the start, then monotonic, so that jumps of the system's clock do not affect
 the filter."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ class LoopClock:
     """Unix time in seconds that never jumps, and the jumps of the system's clock since the start.
 
     Attributes:
-        offset_s: to be added to the loop's time for the system's time of now.
+        offset_s: current system time minus the loop's time.
     """
 
     def __init__(
@@ -28,7 +28,7 @@ class LoopClock:
         return self._start + self._monotonic()
 
     def of_monotonic(self, seconds: float) -> float:
-        """The loop's time of a time of the monotonic clock, as drivers give it."""
+        """The loop's time for a time of the monotonic clock, as given by drivers."""
         return self._start + seconds
 
     def check(self) -> float | None:
@@ -44,8 +44,8 @@ class LoopClock:
 class StampGuard:
     """Conversion of stamps of another clock to the loop's time.
 
-    A stamp near its arrival is used unchanged.  For another clock (or after a jump of it), the smallest delay so far
-    is assumed to be the difference of both clocks.
+    A stamp near its arrival is used unchanged.  For another clock (or after its jump), the smallest delay so far
+    is the assumed difference of both clocks.
     """
 
     def __init__(self, near_s: float = 0.5) -> None:

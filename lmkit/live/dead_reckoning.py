@@ -12,14 +12,14 @@ from lmkit.geometry.pose import Pose
 from lmkit.live.motion import GYRO, WHEELS, MotionRow
 
 KEPT_S = 2.0
-FRESH_S = 0.2  # a gyro's rate is compared with the wheels for so long
+FRESH_S = 0.2  # longest time for which a gyro's rate is compared with the wheels
 
 
 class DeadReckoning:
-    """Poses of the base by rows of motion.
+    """Poses of the base from rows of motion.
 
     Only rotation that both wheels and gyro measure is used, so that neither a gyro's bias nor a slipping wheel
-    rotates a robot that stands still.
+    rotates a stationary robot.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class DeadReckoning:
         self._gyro = (-math.inf, 0.0)
 
     def add(self, row: MotionRow) -> None:
-        """Take a row of wheels, gyro or poses, in the order of time."""
+        """Add a row of wheels, gyro or poses, in the order of time."""
         if row.kind == GYRO:
             self._gyro = (row.time_s, row.values[0])
             return

@@ -1,4 +1,4 @@
-"""The filter of a live run: with wheels on a floor, with odometry poses in 3D, or with images alone."""
+"""The filter of a live run: with wheels on a floor, with odometry poses in 3D, or with images only."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from lmkit.tracking.spatial_stereo_filter import PoseFilter
 Seen = Sequence[Sequence[Detection]]
 CORNER_NUMBERS = 8  # of one observation
 DELAY = PARAMETERS.index("delay_s")
-MOST_STEADY_S = 0.3  # two poses further apart give no prediction
+MOST_STEADY_S = 0.3  # two poses with a larger interval give no prediction
 MOST_MPS, MOST_RADPS = 5.0, 6.0  # of a robot without odometry
 SLACK_M, SLACK_RAD = 0.2, 0.2
 _FLOOR = PosePrior()
@@ -36,14 +36,14 @@ _FLOOR = PosePrior()
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Pose of the base, or why there is none.
+    """Pose of the base, or the reason why there is none.
 
     Attributes:
         status: of the filter.
-        T_map_base, covariance: as of `LiveState`; None where nothing is known.
-        inliers, outliers: landmarks that the pose agrees with, and that it does not.
-        restarted: the filter was restarted at a new pose.
-        nis, nis_dof: as of `LiveState`.
+        T_map_base, covariance: see `LiveState`; None if unknown.
+        inliers, outliers: landmarks that agree with the pose, and landmarks that do not.
+        restarted: whether the filter was restarted at a new pose.
+        nis, nis_dof: see `LiveState`.
     """
 
     status: PoseStatus
@@ -61,10 +61,10 @@ class Estimator(Protocol):
 
     @property
     def delay_s(self) -> float:
-        """Delay of the images against odometry, as far as it is known."""
+        """Estimated delay of the images relative to odometry."""
 
     def add(self, row: MotionRow) -> None:
-        """Take a row of odometry or gyro."""
+        """Add a row of odometry or gyro."""
 
     def predict_pose(self, time_s: float) -> Pose | None:
         """Predicted T_map_left at a time, before its images are used."""
@@ -73,14 +73,14 @@ class Estimator(Protocol):
         """T_left_left: motion of the rig from ``time_s`` to the exposure of each camera; None: unknown."""
 
     def observe(self, time_s: float, seen: Seen, then_s: Sequence[float] = ()) -> Estimate:
-        """Estimate at ``time_s``, of cameras that exposed then; empty: all did at that time."""
+        """Estimate at ``time_s``; ``then_s`` has the exposure time of each camera, empty if all are ``time_s``."""
 
 
 def make_estimator(kind: str, rig: AnyRig, landmarks: LandmarkMap) -> Estimator:
     """A filter.
 
     Args:
-        kind: ``wheels``, ``pose``, or ``none`` (images alone).
+        kind: ``wheels``, ``pose``, or ``none`` (images only).
 
     Raises:
         InputError: wheels, and the rig has no T_base_left.
@@ -170,7 +170,7 @@ class PoseEstimator:
 
 
 class ImageEstimator:
-    """Images of each step alone; the pose is predicted with constant velocity."""
+    """Only the images of each step; the pose is predicted with constant velocity."""
 
     def __init__(self, rig: AnyRig, landmarks: LandmarkMap) -> None:
         self._rig, self._landmarks = rig, landmarks
@@ -221,7 +221,7 @@ class ImageEstimator:
         return Estimate(found.status, poses[0], covariances[0], found.inliers, found.outliers, anew)
 
     def _jumps(self, time_s: float, T_map_left: Pose) -> bool:
-        """Whether the motion is too fast for a robot; after `MOST_STEADY_S` it is accepted as carried."""
+        """Whether the motion is too fast for a robot; after `MOST_STEADY_S`, any motion is accepted."""
         if not self._last or time_s - self._last[-1][0] > MOST_STEADY_S:
             return False
         before, last = self._last[-1]

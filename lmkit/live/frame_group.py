@@ -1,4 +1,4 @@
-"""Images of all cameras at one time, with the motion rows up to it; and the interface of feeds."""
+"""Images of all cameras at one time, with the motion rows up to this time; and the interface of feeds."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class FrameGroup:
 
     Attributes:
         time_s: of the step, in the loop's time.
-        images: (H,W,3) BGR of every camera, in the order of the rig; None where a camera gave none.
+        images: (H,W,3) BGR of every camera, in the order of the rig; None without an image.
         stamps_s: of the images.
-        motion: rows since the group before.
-        seen: detections made before, in place of images.
-        profile: of the detector, where a recording says which was used.
+        motion: rows since the previous group.
+        seen: earlier detections, instead of images.
+        profile: profile of the detector, if a recording has it.
         truth: true pose of the base, of a simulation.
-        events: what happened to the sources.
+        events: events of the sources.
     """
 
     time_s: float
@@ -46,7 +46,7 @@ class Feed(Protocol):
     """Interface of a source of frames for the loop.
 
     Attributes:
-        is_live: images arrive by themselves and become stale; else each is kept until it is requested.
+        is_live: images arrive in real time and become stale; else each is kept until it is requested.
     """
 
     is_live: bool
@@ -55,7 +55,7 @@ class Feed(Protocol):
         """The newest (live) or the next (recorded) group; None if there is none in time.
 
         Raises:
-            EndOfFeed: there will be no more.
+            EndOfFeed: there are no more groups.
         """
 
     def health(self) -> tuple[Health, ...]:

@@ -11,9 +11,9 @@ Listener = Callable[[LiveState], None]
 
 
 class Mailbox:
-    """A listener that holds the newest step until somebody takes it; never blocks the loop.
+    """A listener that keeps the newest step until `take` is called; never blocks the loop.
 
-    A page or another thread calls `take`; steps that nobody took in time are dropped.
+    A page or another thread calls `take`; a newer step replaces a step that was not taken.
 
     Examples:
         >>> from lmkit.live.listeners import Mailbox

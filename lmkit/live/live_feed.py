@@ -22,9 +22,9 @@ class LiveFeed:
     """Images of live sources.
 
     Args:
-        sources: name of each, how it is opened, and how many cameras it gives.
-        inbox: of odometry and gyro.
-        inputs: of odometry and gyro, which write into the inbox.
+        sources: name, function that opens it, and number of cameras of each.
+        inbox: rows of odometry and gyro.
+        inputs: inputs of odometry and gyro, which write into the inbox.
     """
 
     is_live = True
@@ -68,7 +68,7 @@ class LiveFeed:
         return all(reader.has_ended for reader in self._readers)
 
     def _ready(self) -> bool:
-        """Whether all working cameras have an image of one time, or the waiting time is over."""
+        """Whether all working cameras have images of the same time, or the waiting time is over."""
         stamps = [reader.peek() for reader in self._readers if reader.works]
         known = [stamp for stamp in stamps if stamp is not None]
         if not known:
@@ -85,7 +85,7 @@ class LiveFeed:
         for reader, count in zip(self._readers, self._counts, strict=True):
             taken = reader.take()
             events += reader.events()
-            # An image of another time was taken at another pose.
+            # An image of another time is from another pose.
             if taken is None or newest - taken[0] > MOST_APART_S or len(taken[1]) != count:
                 images += [None] * count
                 stamps += [newest] * count
@@ -101,7 +101,7 @@ class LiveFeed:
         return FrameGroup(newest, tuple(images), tuple(stamps), rows, events=tuple(events))
 
     def quiet_events(self) -> tuple[Event, ...]:
-        """Events while no image came."""
+        """Events while there is no image."""
         with self._news:
             return tuple(event for reader in self._readers for event in reader.events())
 

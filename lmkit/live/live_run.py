@@ -27,8 +27,8 @@ class RunSummary:
 
     Attributes:
         steps: of the loop.
-        statuses: how many steps had which status.
-        events: how often which event came.
+        statuses: number of steps by status.
+        events: number of events by code.
         seconds: of wall time.
     """
 
@@ -42,7 +42,7 @@ class LiveRun:
     """Runs the loop over a feed; listeners and outputs get every step.
 
     Args:
-        rate_hz: most steps a second; None: as many as there are images.
+        rate_hz: largest number of steps per second; None: one per image.
         truth: true pose at a time, of a simulation.
         stop_at_end: end with the feed (recordings).
 
@@ -132,7 +132,7 @@ class LiveRun:
         for listener in self.listeners:
             try:
                 listener(state)
-            except Exception as error:  # a listener's fault must not end the run
+            except Exception as error:  # an error in a listener must not end the run
                 self._events.append(Event("listener_failed", f"{type(error).__name__}: {error}", state.time_s))
 
     def _gathered(self) -> list[Event]:
@@ -142,7 +142,7 @@ class LiveRun:
         return events
 
     def _quiet(self) -> None:
-        """No image for a while: say so, with what happened to the sources."""
+        """Report that no image has come, with the events of the sources."""
         quiet = getattr(self.feed, "quiet_events", None)
         events = tuple(quiet()) if quiet is not None else ()
         since = time.monotonic() - self.newest_at

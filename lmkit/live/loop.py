@@ -32,9 +32,9 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.pose_status import PoseStatus
 
-WHOLE_EVERY_S = 1.0  # a whole image of one camera in turn
-POSES_KEPT = 400  # of odometry, for its frame in the map
-SILENT_S = 1.0  # odometry that comes no more is named
+WHOLE_EVERY_S = 1.0  # interval between whole images, one camera in turn
+POSES_KEPT = 400  # poses of odometry, for its frame in the map
+SILENT_S = 1.0  # time without odometry before an event
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class LoopSettings:
     Attributes:
         motion: ``wheels``, ``pose`` or ``none``: odometry that predicts the pose between images.
         profile: of the detector.
-        budget_s: of the latency; 0: none.
+        budget_s: latency budget; 0: none.
         rule: conditions for the publication of a pose.
     """
 
@@ -55,10 +55,10 @@ class LoopSettings:
 
 
 class LiveLoop:
-    """The loop's state; `step` takes the images of one time.
+    """The loop's state; `step` processes the images of one time.
 
     Args:
-        now: the loop's time, for latencies.
+        now: function that returns the loop's time, for latencies.
 
     Raises:
         InputError: wheels, and the rig has no T_base_left.
@@ -92,7 +92,7 @@ class LiveLoop:
         self._odometry: deque[tuple[float, Pose]] = deque(maxlen=POSES_KEPT)
         self._motion_at: dict[str, float] = {}  # last row of odometry and of the gyro
         self._silent: set[str] = set()
-        self._waiting: tuple[MotionRow, ...] = ()  # rows of steps that the budget left out
+        self._waiting: tuple[MotionRow, ...] = ()  # rows of steps skipped by the budget
 
     @property
     def latency_p95_s(self) -> float:
@@ -100,10 +100,10 @@ class LiveLoop:
         return self._budget.p95_s()
 
     def step(self, group: FrameGroup, is_live: bool = False) -> LiveState | None:
-        """The state after the images of one time; None where the latency budget leaves them out.
+        """The state after the images of one time; None if the latency budget skips them.
 
         Args:
-            is_live: the images age while they are searched.
+            is_live: whether images age during the search.
         """
         events = [*group.events]
         for row in group.motion:
@@ -207,9 +207,9 @@ class LiveLoop:
     def _with_expected(
         self, views: tuple[CameraView, ...], estimate: Estimate, left_out: frozenset[int], carried: Sequence[Pose]
     ) -> tuple[tuple[CameraView, ...], tuple[LandmarkId, ...]]:
-        """The views with the predicted landmarks; and landmarks that are clearly in view but not read.
+        """The views with the predicted landmarks; and landmarks that should be clearly visible but are not read.
 
-        Predictions stay where landmarks confirmed the pose.
+        Predictions are kept if landmarks confirmed the pose.
         """
         if estimate.T_map_base is None or (estimate.inliers and all(view.expected for view in views)):
             return views, ()
@@ -231,14 +231,14 @@ class LiveLoop:
     def _plainly_in_view(
         self, views: tuple[CameraView, ...], estimate: Estimate, carried: Sequence[Pose]
     ) -> list[tuple[LandmarkId, ...]]:
-        """Landmarks clearly in view of each camera that reads nothing, while others confirm the pose."""
+        """Landmarks that should be clearly visible in cameras without detections, while others confirm the pose."""
         if estimate.T_map_base is None or len(estimate.inliers) <= len(estimate.outliers):
             return [()] * len(views)
         poses = self._by_camera(self._left_camera(estimate.T_map_base), carried)
         return [() if view.detections else self._expected.in_camera(k, poses[k])[1] for k, view in enumerate(views)]
 
     def _color_events(self, group: FrameGroup, views: tuple[CameraView, ...]) -> list[Event]:
-        """Names gray cameras, once, where landmarks are recognized by their color."""
+        """Reports gray cameras, once, if landmarks are recognized by their color."""
         events = []
         for k, view in enumerate(views):
             if view.image is None or not self._needs_color or k in self._gray or self._number > 0:
@@ -252,7 +252,7 @@ class LiveLoop:
         return events
 
     def _odometry_events(self, time_s: float) -> list[Event]:
-        """Names odometry, and a gyro that once came, when they are silent and when they come again."""
+        """Reports odometry, and a gyro with earlier data, when their data stop and when they resume."""
         if self.settings.motion == "none":
             return []
         self._motion_at.setdefault("odometry", time_s)
@@ -268,7 +268,7 @@ class LiveLoop:
         return events
 
     def _odometry_frame(self, time_s: float, estimate: Estimate) -> Pose | None:
-        """T_map_odometry by the odometry's pose at that time."""
+        """T_map_odometry from the odometry's pose at this time."""
         if not self._odometry or estimate.T_map_base is None:
             return None
         k = int(np.searchsorted([t for t, _ in self._odometry], time_s))

@@ -14,7 +14,7 @@ from lmkit.errors import InputError
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 HEARTBEAT_S = 1.0
 MESSAGES = ("vision", "odometry", "both")
-MOST_READ = 200  # messages at once, so that a flood does not block the loop
+MOST_READ = 200  # messages per call, so that many messages do not block the loop
 _HINT = "such as mavlink:udpout:127.0.0.1:14550, mavlink:udpin:0.0.0.0:14551 or mavlink:/dev/ttyTHS1?baud=921600"
 
 
@@ -23,9 +23,9 @@ class MavlinkAddress:
     """A connection.
 
     Attributes:
-        device: as pymavlink takes it.
+        device: device string of pymavlink.
         baud: of a serial line.
-        system: our system id, which is the autopilot's.
+        system: own system id, equal to the autopilot's.
         message: ``vision``, ``odometry`` or ``both``.
     """
 
@@ -93,9 +93,9 @@ class MavlinkLink:
         self.send.heartbeat_send(m.MAV_TYPE_ONBOARD_CONTROLLER, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE)
 
     def receive(self, timeout_s: float = 0.0) -> Iterator[Any]:
-        """Messages that have come; waits for the first of them."""
+        """Received messages; waits for the first one."""
         for k in range(MOST_READ):
-            # A timeout of 0 would read nothing at all.
+            # With a timeout of 0, pymavlink would not read.
             waits = {"blocking": True, "timeout": timeout_s} if timeout_s > 0 and k == 0 else {}
             message = self._connection.recv_match(**waits)
             if message is None:

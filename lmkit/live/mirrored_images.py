@@ -16,7 +16,7 @@ from lmkit.model.recording import RigFrame
 ENOUGH = 3  # frames without a pose that show landmarks
 AGAIN_S = 1.0  # between two tests, which take some milliseconds per frame
 
-NAMED_S = 10.0  # a camera is named again after so long
+NAMED_S = 10.0  # time after which a camera is reported again
 
 
 class MirroredImages:

@@ -1,4 +1,4 @@
-"""Rows of odometry and gyro on their way into the loop: checked, ordered, bounded."""
+"""Rows of odometry and gyro for the loop: checked, ordered, bounded."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lmkit.live.state import Event
 
 MOST_WAITING = 5000
 FASTEST_MPS, FASTEST_RADPS = 10.0, 12.0
-LONGEST_ROW_S = 2.0  # a row after a longer gap is a new start
+LONGEST_ROW_S = 2.0  # a row after a longer gap starts again
 WHEELS, GYRO, POSE = "wheels", "gyro", "pose"
 
 
@@ -25,11 +25,11 @@ class MotionRow:
     """One row of odometry or gyro.
 
     Attributes:
-        kind: ``wheels`` (forward m and turn rad since the row before), ``gyro`` (rad/s), or ``pose``.
+        kind: ``wheels`` (forward m and turn rad since the previous row), ``gyro`` (rad/s), or ``pose``.
         time_s: in the loop's time.
-        values: of a wheels' or gyro's row.
-        T_odometry_base: pose in the odometry's own frame, where it has one.
-        T_smooth_base: that pose with jumps removed, for the filter.
+        values: values of a row of wheels or gyro.
+        T_odometry_base: pose in the odometry's own frame, if any.
+        T_smooth_base: the same pose with jumps removed, for the filter.
     """
 
     kind: str
@@ -40,7 +40,7 @@ class MotionRow:
 
 
 class MotionInbox:
-    """Rows from other threads until the loop takes them; impossible values are refused and named."""
+    """Rows from other threads until the loop takes them; impossible values are refused and reported."""
 
     def __init__(self) -> None:
         self._rows: deque[MotionRow] = deque(maxlen=MOST_WAITING)
@@ -48,11 +48,11 @@ class MotionInbox:
         self._named: dict[str, float] = {}
         self._last: dict[str, float] = {}
         self._place: tuple[float, float, float, float] | None = None
-        self._pose: tuple[float, Pose, Pose] | None = None  # time, as it came, and smooth
+        self._pose: tuple[float, Pose, Pose] | None = None  # time, received pose, and smooth pose
         self._lock = threading.Lock()
 
     def add(self, row: MotionRow) -> None:
-        """Take a row, or refuse it."""
+        """Add a row, or refuse it."""
         problem = self._problem(row)
         with self._lock:
             if problem is None:
@@ -60,13 +60,13 @@ class MotionInbox:
                 self._rows.append(row)
                 return
             code, message = problem
-            # Once in ten seconds is enough.
+            # Reported once in ten seconds.
             if row.time_s - self._named.get(code, -math.inf) > 10 or not math.isfinite(row.time_s):
                 self._named[code] = row.time_s if math.isfinite(row.time_s) else 0.0
                 self._events.append(Event(code, message, self._last.get(row.kind, 0.0)))
 
     def add_planar(self, time_s: float, x: float, y: float, heading: float, pose: Pose | None = None) -> None:
-        """Take a pose of wheel odometry as the motion since the pose before."""
+        """Add a pose of wheel odometry as the motion since the previous pose."""
         if not all(map(math.isfinite, (time_s, x, y, heading))):
             self.add(MotionRow(WHEELS, time_s, (math.nan, math.nan)))
             return
@@ -79,7 +79,7 @@ class MotionInbox:
         self.add(MotionRow(WHEELS, time_s, (forward, turn), pose))
 
     def add_pose(self, time_s: float, T_odometry_base: Pose) -> None:
-        """Take a 3D pose of odometry; at a jump, the robot is assumed to have stood still."""
+        """Add a 3D pose of odometry; at a jump, the robot is assumed to be stationary."""
         before = self._pose
         smooth = T_odometry_base
         if before is not None:
@@ -116,7 +116,7 @@ class MotionInbox:
         return None
 
     def take(self) -> tuple[tuple[MotionRow, ...], tuple[Event, ...]]:
-        """All rows, in the order of their time, and what was refused."""
+        """All rows in the order of time, and events about refused rows."""
         with self._lock:
             rows = tuple(sorted(self._rows, key=lambda row: row.time_s))
             events = tuple(self._events)

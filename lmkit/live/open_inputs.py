@@ -23,15 +23,15 @@ SCHEMES = ("ros2:", "mavlink:", "ws:")
 
 
 def is_live_input(text: str | None) -> bool:
-    """Whether odometry or gyro comes by itself, instead of from a file."""
+    """Whether odometry or gyro comes from a live input instead of a file."""
     return text is not None and text.startswith(SCHEMES)
 
 
 def open_inputs(values: RunFile, inbox: MotionInbox, clock: LoopClock, motion: str) -> list[InputRunner]:
-    """Runners of odometry and gyro; of one address, one for both.
+    """Runners of odometry and gyro; one runner for both if they have the same address.
 
     Raises:
-        InputError: a file beside live images, an unknown address, or an extra that is missing.
+        InputError: a file together with live images, an unknown address, or an extra that is missing.
     """
     given = {"odometry": values.odometry, "gyro": values.gyro}
     runners: list[InputRunner] = []

@@ -24,20 +24,20 @@ from lmkit.live.ros.transport import choose
 from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.model.landmark_map import LandmarkMap
 
-ROBOT_KINDS = ("mavlink", "nt", "ros2")  # their messages are about a body with x ahead and z up
+ROBOT_KINDS = ("mavlink", "nt", "ros2")  # their messages require a body frame with x ahead and z up
 KINDS = "stdout, ws, mavlink:CONNECTION, nt:HOST, ros2"
 
 
 def open_outputs(
     settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, clock: LoopClock, motion: str
 ) -> list[OutputRunner]:
-    """Runners of all outputs of a run, the recording among them.
+    """Runners of all outputs of a run, including the recording.
 
     Args:
-        motion: what moves the filter, for the recording.
+        motion: motion input of the filter, for the recording.
 
     Raises:
-        InputError: an unknown output, or one whose extra is not installed.
+        InputError: an unknown output, or its extra is not installed.
     """
     warn_of_camera_poses(settings.values.to, rig)
     runners = [OutputRunner(text, opener(text, rig, landmarks), clock.now) for text in settings.values.to]
@@ -49,7 +49,7 @@ def open_outputs(
 
 
 def warn_of_camera_poses(outputs: Sequence[str], rig: AnyRig) -> None:
-    """Warn where outputs whose receivers expect a robot's pose would get the first camera's."""
+    """Warn if outputs whose receivers expect a robot's pose would send the first camera's pose."""
     robots = [text for text in outputs if text.split(":")[0].split("?")[0] in ROBOT_KINDS]
     if robots and rig.T_base_left is None:
         sentence = (
@@ -69,7 +69,7 @@ def _recorder(settings: RunSettings, rig: AnyRig, landmarks: LandmarkMap, motion
     require("mcap", "--record", "bags")
     require("rosbags", "--record", "bags")
     kept = {**values.model_dump(include=set(LOOP_KEYS)), "motion": motion}
-    # A file that lacks its markers' family or size could not be read again alone.
+    # Without its markers' family or size, the map file in the recording could not be read again.
     map_path = settings.path(values.map) if values.family is None and values.size is None else None
     attached = attached_files(settings.path(values.rig), map_path, rig, landmarks)
     names = [camera.name for camera in mounted_cameras(rig)]
@@ -80,7 +80,7 @@ def opener(text: str, rig: AnyRig, landmarks: LandmarkMap) -> Callable[[], Outpu
     """A function that opens an output.
 
     Raises:
-        InputError: an unknown output, or one whose extra is not installed.
+        InputError: an unknown output, or its extra is not installed.
     """
     kind, _, rest = text.partition(":")
     if kind == "stdout" and not rest:

@@ -38,7 +38,7 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
     """A run that is ready to start; threads of live sources and outputs have begun.
 
     Args:
-        dry: leave outputs out.
+        dry: open no outputs.
 
     Raises:
         InputError: settings that do not fit together, a file that cannot be read, or an extra that is missing.
@@ -79,7 +79,7 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
 
 
 def check_files(settings: RunSettings) -> None:
-    """Refuse a rig and a map that a run could not begin with, and warn as it would; no camera is opened.
+    """Refuse an unsuitable rig or map before a run, with the run's warnings; no camera is opened.
 
     Raises:
         InputError: a file cannot be read, or the rig has another number of cameras.
@@ -122,7 +122,7 @@ def _simulated_run(settings: RunSettings, clock: LoopClock, dry: bool) -> LiveRu
     if not address.is_live:
         return LiveRun(loop, StepFeed(address.text, simulated.groups()), outputs, clock, settings.values.rate)
     inbox, first = MotionInbox(), list[float]()
-    # Textures, or all images, are drawn before the clock of the course starts.
+    # Textures, or all images, are rendered before the clock of the course starts.
     if simulated.before:
         simulated.render()
     course.images(course.T_map_base(0.0))

@@ -1,4 +1,4 @@
-"""The decision whether a pose is published: only what a second landmark has confirmed, and what was seen lately."""
+"""Decision whether a pose is published: a second landmark must confirm it, and landmarks must be recent."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lmkit.live.estimators import Estimate, largest_sigma_m
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.pose_status import PoseStatus
 
-SURPRISE = 5.0  # squared innovation over how many numbers it is of; on average 1
+SURPRISE = 5.0  # largest normalized innovation squared over its degrees of freedom; the mean is 1
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class PublicationRule:
 
 @dataclass(frozen=True)
 class Decision:
-    """Status to publish, with its reason; a pose goes out only with ``ok``."""
+    """Status to publish, with its reason; a pose is published only with ``ok``."""
 
     status: PoseStatus
     reason: str
@@ -40,8 +40,8 @@ class Publication:
 
     def __init__(self, rule: PublicationRule) -> None:
         self._rule = rule
-        self._confirmed: set[LandmarkId] | None = None  # since the last start; None once they are enough
-        self._last_s = float("-inf")  # something agreed with the pose
+        self._confirmed: set[LandmarkId] | None = None  # landmarks since the last start; None after confirmation
+        self._last_s = float("-inf")  # last time at which a landmark agreed with the pose
         self.resets = 0
 
     def decide(
@@ -50,15 +50,15 @@ class Publication:
         """Status of a step.
 
         Args:
-            missing: landmarks that the pose puts plainly in view, and that were not read.
-            doubt: why the images must be old.
-            waits: why it is not known yet whether the images are old.
+            missing: landmarks that should be clearly visible with this pose, but were not read.
+            doubt: reason why the images are old; empty if they are not.
+            waits: reason why it is not known yet whether the images are old; empty if known.
         """
         if estimate.restarted:
             self._confirmed = set()
             self.resets += 1
         elif estimate.nis > SURPRISE * max(estimate.nis_dof, 1):
-            # The pose was pulled far: by a landmark that was moved, or away from one.
+            # The pose was shifted far: toward a moved landmark, or away from it.
             self._confirmed = set()
         if estimate.inliers:
             self._last_s = time_s

@@ -16,13 +16,13 @@ from lmkit.live.state import Event, Health
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
 STALLS_S = 4.0
 RATE_S = 3.0
-FROZEN_S = 0.5  # no camera gives the same noise for so long
-SPARSE = 7  # pixels of one that is compared
+FROZEN_S = 0.5  # no camera repeats the same noise for this time
+SPARSE = 7  # one of this number of pixels is compared
 MOST_ABANDONED = 3
 
 
 class Rate:
-    """Events a second, over the last seconds."""
+    """Events per second, over the last seconds."""
 
     def __init__(self, over_s: float = RATE_S) -> None:
         self._over_s = over_s
@@ -33,7 +33,7 @@ class Rate:
         self._times.append(time_s)
 
     def value(self, now_s: float) -> float:
-        """Events a second until now."""
+        """Events per second until now."""
         while self._times and self._times[0] < now_s - self._over_s:
             self._times.popleft()
         if len(self._times) < 2:
@@ -42,12 +42,12 @@ class Rate:
 
 
 class Reader:
-    """Reads a source in a thread of its own; `take` gives the newest images.
+    """Reads a source in its own thread; `take` returns the newest images.
 
     Args:
-        name: of the source in messages.
-        open_: opens it; raises `SourceLost`.
-        news: is notified with every image.
+        name: name of the source in messages.
+        open_: function that opens the source; raises `SourceLost`.
+        news: condition that is notified with every image.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Reader:
         self._events: deque[Event] = deque(maxlen=50)
         self._stop = threading.Event()
         self._abandoned: list[threading.Thread] = []
-        self._shown: ByteArray | None = None  # some pixels of the last image, and when they changed
+        self._shown: ByteArray | None = None  # some pixels of the last image, and the time of their last change
         self._changed = time.monotonic()
         self._thread = self._start()
 
@@ -113,7 +113,7 @@ class Reader:
             self._news.notify_all()
 
     def _is_frozen(self, images: tuple[ByteArray, ...]) -> bool:
-        """Whether a driver repeats its last image for long; named once.  A black image is no repetition."""
+        """Whether a driver repeats its last image for long; reported once.  A black image is not a repetition."""
         shown = images[0][::SPARSE, ::SPARSE]
         if self._shown is None or not np.array_equal(shown, self._shown) or not shown.any():
             self._shown, self._changed = shown.copy(), self._last
@@ -143,7 +143,7 @@ class Reader:
                 self._news.notify_all()
 
     def peek(self) -> float | None:
-        """Stamp of the newest images that were not taken; call with ``news`` held."""
+        """Stamp of the newest images that were not yet taken; call with ``news`` held."""
         return None if self._newest is None else self._newest[0]
 
     def take(self) -> tuple[float, tuple[ByteArray, ...]] | None:
@@ -152,7 +152,7 @@ class Reader:
         return newest
 
     def watch(self) -> None:
-        """Leave a thread whose source stalls, and open the source in a new one; call with ``news`` held."""
+        """Abandon a thread whose source stalls, and open the source in a new thread; call with ``news`` held."""
         if self._lost or self._ended or time.monotonic() - self._last < STALLS_S or self._count == 0:
             return
         self._abandoned = [thread for thread in self._abandoned if thread.is_alive()]
@@ -165,12 +165,12 @@ class Reader:
 
     @property
     def works(self) -> bool:
-        """It gives images now."""
+        """Whether the source gives images now."""
         return not self._lost and not self._ended and self._count > 0
 
     @property
     def has_ended(self) -> bool:
-        """It will give no more images than those that were not taken; call with ``news`` held."""
+        """Whether the source gives no more images, except those that were not yet taken; call with ``news`` held."""
         return self._ended
 
     def events(self) -> tuple[Event, ...]:

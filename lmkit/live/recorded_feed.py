@@ -1,4 +1,4 @@
-"""Recorded and simulated sources: every frame, in order, with the motion rows up to it."""
+"""Recorded and simulated sources: every frame in order, with the motion rows up to its time."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ POSE_SUFFIXES = (".tum", ".txt")
 
 
 class StepFeed:
-    """Gives the groups of an iterator one at a time; nothing is dropped.
+    """Returns the groups of an iterator one at a time; none is dropped.
 
     Args:
-        paced: wait until as much time has passed as between the groups' stamps.
+        paced: wait between groups for the difference of their stamps.
     """
 
     is_live = False
@@ -66,7 +66,7 @@ def file_groups(sources: Sequence[str], hz: float | None, rows: Sequence[MotionR
     """Frames of films, folders or globs, with the motion rows up to each.
 
     Args:
-        hz: frames a second; None: names end in seconds, or the films have times.
+        hz: frames per second; None: names end in seconds, or the films have times.
 
     Raises:
         InputError: an image cannot be read, or times are missing or do not increase.
@@ -93,7 +93,7 @@ def motion_rows(odometry: Path | None, gyro: Path | None) -> list[MotionRow]:
     """Rows of odometry (CSV of wheels, or TUM poses) and gyro files, in the order of time.
 
     Raises:
-        InputError: a file cannot be read, or cannot be what it says: another unit, sign, axis or clock.
+        InputError: a file cannot be read, or has implausible values: another unit, sign, axis or clock.
     """
     rows: list[MotionRow] = []
     table = None

@@ -1,4 +1,4 @@
-"""The MCAP file of a recorded run: how a step is written, and frames from it again."""
+"""The MCAP file of a recorded run: writing of steps, and reading of their frames."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def image_topic(camera: str) -> str:
 
 
 def step_values(state: LiveState) -> dict[str, Any]:
-    """A step as JSON values: the object of every output, and under ``input`` what the loop was given."""
+    """A step as JSON values: the object of every output, and under ``input`` the input of the loop."""
     group = state.group
     assert group is not None
     given = {
@@ -61,7 +61,7 @@ def _row_values(row: MotionRow) -> list[Any]:
 
 
 def _pose_values(pose: Pose | None) -> list[Any] | None:
-    # The matrix, not a quaternion: nothing is rounded.
+    # The matrix, not a quaternion, to avoid rounding.
     return None if pose is None else [pose.to_frame, pose.from_frame, pose.R.tolist(), pose.t.tolist()]
 
 
@@ -83,11 +83,11 @@ class RunRecording:
     """A recording that is open for reading.
 
     Attributes:
-        settings: of the run, as a run file has them, with ``motion``.
+        settings: settings of the run with the keys of a run file, and ``motion``.
         attached: bytes by name.
 
     Raises:
-        InputError: no such file, or not of lmkit.
+        InputError: no such file, or not a recording of lmkit.
     """
 
     def __init__(self, path: Path) -> None:
@@ -112,7 +112,7 @@ class RunRecording:
         return import_module("mcap.records")
 
     def _records(self) -> Iterator[Any]:
-        """Records in the order of the file; a run that was cut off has no end and no index."""
+        """Records in the order of the file; a truncated file has no end and no index."""
         from mcap.exceptions import EndOfFile, McapError
         from mcap.stream_reader import StreamReader
 
@@ -129,7 +129,7 @@ class RunRecording:
             raise InputError("bad_recording", f"{self.path}: {error}", _HINT) from None
 
     def groups(self) -> Iterator[FrameGroup]:
-        """Input of every step, in order; ends where the file does."""
+        """Input of every step, in order, up to the end of the file."""
         from lmkit.live.ros.cdr import Cdr
 
         cdr, types = Cdr(), self._types

@@ -1,4 +1,4 @@
-"""Images of a ROS 2 topic as a source: sensor_msgs/Image, or CompressedImage where it ends in ``/compressed``."""
+"""Images of a ROS 2 topic as a source: sensor_msgs/Image, or CompressedImage if the topic ends in ``/compressed``."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ SILENT_S = 1.5
 
 
 class RosCapture:
-    """Subscribes to a topic; the newest image wins.
+    """Subscribes to a topic; only the newest image is kept.
 
-    Stamps are the messages' own, brought into the loop's time where the sender's clock is another.
+    Stamps are the messages' own, converted to the loop's time if the sender has another clock.
 
     Raises:
         SourceLost: ROS 2 cannot be reached.
@@ -74,7 +74,7 @@ def image_of(values: Values, is_compressed: bool, topic: str) -> ByteArray:
     """(H,W,3) BGR of a message.
 
     Raises:
-        InputError: it holds no image that lmkit reads.
+        InputError: it contains no image that lmkit reads.
     """
     data = values["data"]
     # rosbridge writes bytes as base64.

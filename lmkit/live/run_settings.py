@@ -16,7 +16,13 @@ from lmkit.live.loop import LoopSettings
 from lmkit.live.publication import PublicationRule
 from lmkit.live.source_address import SourceAddress, parse_source
 
-LOOP_KEYS = ("profile", "budget_ms", "coast_s", "confirm", "most_sigma_m")  # what poses follow from, beside images
+LOOP_KEYS = (
+    "profile",
+    "budget_ms",
+    "coast_s",
+    "confirm",
+    "most_sigma_m",
+)  # settings that determine poses, besides images
 
 
 class RunFile(Document):
@@ -26,7 +32,7 @@ class RunFile(Document):
     sources: list[str] = Field(min_length=1, max_length=16)
     rig: str | None = None
     map: str | None = None
-    family: str | None = None  # of the map's markers, where its file says none
+    family: str | None = None  # of the map's markers, if its file has none
     size: str | None = None
     odometry: str | None = None
     odometry_kind: Literal["wheels", "poses"] = "wheels"
@@ -48,8 +54,8 @@ class RunSettings:
     """Settings of a live run; names as in the run file.
 
     Attributes:
-        values: as in the file.
-        folder: that relative paths start from.
+        values: values of the run file.
+        folder: base of relative paths.
     """
 
     values: RunFile
@@ -64,7 +70,7 @@ class RunSettings:
         """Addresses of the sources.
 
         Raises:
-            InputError: one is no source, or recorded and live ones are mixed.
+            InputError: an invalid source, or a mixture of recorded and live ones.
         """
         found = [parse_source(self._placed(text)) for text in self.values.sources]
         kinds = {address.is_live for address in found}
@@ -90,10 +96,10 @@ class RunSettings:
 
 
 def settings_of(values: dict[str, Any], folder: Path) -> RunSettings:
-    """Settings of options, checked as a run file is.
+    """Settings from options, checked like a run file.
 
     Raises:
-        InputError: a value that a run file could not hold either.
+        InputError: a value that is not valid in a run file.
     """
     plain = {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
     try:
@@ -108,6 +114,6 @@ def read_run_file(path: Path) -> RunSettings:
     """Settings of a run file.
 
     Raises:
-        InputError: anything wrong with it, with the path of the key.
+        InputError: not readable or not valid; names the path of the key.
     """
     return RunSettings(read_document(path, RunFile, "run file"), path.parent)

@@ -1,6 +1,6 @@
 """Search for landmarks in live images: whole images until located, then windows around their predicted places.
 
-Where the windows of all cameras show nothing, the rig is elsewhere, or something hides them: whole images tell.
+If the windows of all cameras have no landmarks, the rig is elsewhere or they are hidden: whole images are searched.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Search:
 
         Args:
             poses: T_map_left at the exposure of every camera, predicted; None: whole images are searched.
-            whole: cameras whose whole image is searched in any case.
+            whole: cameras whose whole image is always searched.
         """
         views = []
         for k, (image, stamp, camera) in enumerate(zip(images, stamps_s, self._cameras, strict=True)):
@@ -71,7 +71,7 @@ class Search:
         return tuple(views)
 
     def again(self, views: Sequence[CameraView], profile: str) -> tuple[CameraView, ...]:
-        """The views with whole images searched where windows alone were, and nothing was found."""
+        """The views, after a search of whole images for cameras without detections in their windows."""
         return tuple(
             replace(view, detections=tuple(detect_landmarks(view.image, options)), expected={}, search="whole")
             if view.search == "near" and view.image is not None and not view.detections

@@ -18,7 +18,7 @@ from lmkit.live.status_line import StatusLine
 from lmkit.model.pose_status import PoseStatus
 
 HEALTH_PORT = 8088
-FRESH_S = 2.0  # without a step for so long, the run is not healthy
+FRESH_S = 2.0  # longest time without a step of a healthy run
 
 
 def run_until_stopped(run: LiveRun, settings: RunSettings, seconds: float | None = None) -> RunSummary:
@@ -48,14 +48,14 @@ def run_until_stopped(run: LiveRun, settings: RunSettings, seconds: float | None
 
 
 def _stop_on_signals(run: LiveRun) -> dict[signal.Signals, Any]:
-    """The handlers of before; signals are the main thread's alone."""
+    """Install handlers, and return the previous ones; only the main thread can do so."""
     if threading.current_thread() is not threading.main_thread():
         return {}
     return {number: signal.signal(number, lambda *_: run.stop()) for number in (signal.SIGINT, signal.SIGTERM)}
 
 
 class HealthPage:
-    """``GET /health`` over HTTP: 200 while steps come, 503 otherwise, with the condition as JSON.
+    """``GET /health`` over HTTP: 200 while there are steps, 503 otherwise, with the condition as JSON.
 
     Args:
         address: ``HOST:PORT``.
@@ -80,7 +80,7 @@ class HealthPage:
                 self.wfile.write(body)
 
             def log_message(self, format: str, *args: object) -> None:
-                """No log: it would grow for ever."""
+                """No log, since it would grow without limit."""
 
         try:
             self._server = ThreadingHTTPServer((host, port), Handler)
@@ -122,7 +122,7 @@ def health_text(run: LiveRun) -> tuple[bool, str]:
 
 
 def memory_mb() -> float | None:
-    """Memory of this process, MB, where the system says; Linux only."""
+    """Memory of this process, MB, if known; Linux only."""
     if not sys.platform.startswith("linux"):
         return None
     from pathlib import Path

@@ -1,7 +1,7 @@
-"""``sim:``, a simulated robot as source: at the rate of a camera, or as fast as the loop takes it.
+"""``sim:``, a simulated robot as source: at the rate of a camera, or as fast as the loop.
 
-With ``images=before`` the images are rendered and kept as JPEG before the first; each is decoded at its time, as a
-camera's MJPEG is, so that rendering takes nothing from the loop.
+With ``images=before`` all images are rendered to JPEG before the first step; each is decoded at its time, like a
+camera's MJPEG, so that rendering does not slow the loop.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from lmkit.simulation.lens_errors import with_lens_errors
 from lmkit.simulation.recording import WheelErrors
 from lmkit.simulation.robot_course import RobotCourse
 
-FIRST_S = 1.0  # before, the late wheels have nothing to say
-MOST_BEFORE = 6000  # frames rendered before; 0.6 GB of two cameras with 640x480
+FIRST_S = 1.0  # before this time, the delayed wheels have no data
+MOST_BEFORE = 6000  # frames rendered in advance; 0.6 GB for two cameras with 640x480
 JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
 
 
 class SimulatedRun:
-    """A robot's course and how it is shown.
+    """A robot's course, and the settings of its images.
 
     Attributes:
         course: the robot's.
-        rig: as the loop knows it; its lenses differ from the course's by what ``lens`` says.
-        fps: images a second.
-        with_images: rendered; else corners alone.
-        before: the images are rendered before the first, by `render`.
+        rig: rig of the loop; its lenses differ from the course's by the errors of ``lens``.
+        fps: images per second.
+        with_images: whether images are rendered; else only corners.
+        before: whether all images are rendered in advance, by `render`.
         shift_s: from the course's time to the time of the groups.
     """
 
@@ -97,7 +97,7 @@ class SimulatedRun:
         return sorted(rows, key=lambda row: row.time_s)
 
     def groups(self) -> Iterator[FrameGroup]:
-        """All frames, as fast as they are asked for."""
+        """All frames, as fast as they are requested."""
         last, count = 0.0, self.cameras
         for k in range(int((self.course.seconds - FIRST_S) * self.fps)):
             time_s = FIRST_S + k / self.fps
@@ -112,11 +112,11 @@ class SimulatedRun:
 
 
 class SimulatedCapture:
-    """Images of a `SimulatedRun` at their times; frames that cannot be rendered in time are left out."""
+    """Images of a `SimulatedRun` at their times; frames that cannot be rendered in time are skipped."""
 
     def __init__(self, run: SimulatedRun, inbox: MotionInbox, clock: LoopClock, first: list[float]) -> None:
         self._run, self._inbox, self._clock = run, inbox, clock
-        # A source that is opened again goes on where the robot is by now.
+        # A source that is opened again continues at the robot's current place.
         if not first:
             first.append(clock.now() - FIRST_S)
         run.shift_s = first[0]
@@ -143,7 +143,7 @@ class SimulatedCapture:
         return run.shift_s + time_s, images
 
     def _next(self) -> int:
-        """Number of the first frame that is still to come."""
+        """Number of the first future frame."""
         number = int((self._clock.now() - self._run.shift_s) * self._run.fps) + 1
         if number > self._run.course.seconds * self._run.fps:
             raise SourceEnded

@@ -30,10 +30,10 @@ class SourceAddress:
 
     Attributes:
         kind: ``camera``, ``pipe``, ``stream``, ``ros2``, ``sim``, ``replay``, ``film`` or ``folder``.
-        target: number, device, command, URL or path; of ROS 2 what `parse_ros` reads.
+        target: number, device, command, URL or path; of ROS 2 the input of `parse_ros`.
         options: after the question mark.
         split: the image shows the left and the right camera side by side.
-        text: as it was given.
+        text: the address as given.
     """
 
     kind: str
@@ -44,19 +44,19 @@ class SourceAddress:
 
     @property
     def is_live(self) -> bool:
-        """Images come by themselves."""
+        """Whether images arrive in real time."""
         return self.kind in LIVE_KINDS and not (self.kind == "sim" and self.options.get("speed") == "max")
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """(width, height) asked for."""
+        """Requested (width, height)."""
         return None if "size" not in self.options else parse_size(self.options["size"], self.text)
 
     def number(self, name: str, default: float) -> float:
         """Value of an option that is a number.
 
         Raises:
-            InputError: it is no number above zero.
+            InputError: not a number above zero.
         """
         text = self.options.get(name)
         if text is None:
@@ -73,7 +73,7 @@ class SourceAddress:
 
     @property
     def latency_s(self) -> float:
-        """From exposure to arrival, where the driver has no stamps."""
+        """Time from exposure to arrival, for drivers without stamps."""
         return parse_seconds(self.options["latency"], f"{self.text}: latency") if "latency" in self.options else 0.0
 
 
@@ -145,7 +145,7 @@ def parse_seconds(text: str, what: str) -> float:
     """Seconds of ``80ms`` or ``0.1s``.
 
     Raises:
-        InputError: no number with one of both units.
+        InputError: not a number with one of both units.
     """
     match = _SECONDS.fullmatch(text.strip())
     if match is None:

@@ -1,8 +1,8 @@
-"""Old images that a camera repeats: corners stand still while odometry or the other cameras say the robot moves.
+"""Old images that a camera repeats: corners do not move although odometry or other cameras measure motion.
 
-A feed that encodes an old image anew gives other bytes every time, so bytes tell nothing.  Corners do: from where a
-landmark was, the motion since then predicts how far its corners move.  Odometry alone says so here, never the filter,
-which the old image pulls.
+A feed that encodes an old image again gives other bytes every time, so bytes cannot be compared.  Instead, the
+motion since an earlier image predicts how far corners move.  This motion is from odometry only, not from the filter,
+which old images falsify.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
 
-STILL_PX = 1.0  # corners that noise and encoding move are within
-MOVED_PX = 5.0  # a motion that no noise hides
-JUMP_PX = 20.0  # an image that shows another place than the motion leads to
-SAME_PX = 0.5  # the same image again
+STILL_PX = 1.0  # largest motion of corners by noise and encoding
+MOVED_PX = 5.0  # least motion that is certain despite noise
+JUMP_PX = 20.0  # difference from the predicted motion, for an image of another place
+SAME_PX = 0.5  # largest difference of corners in a repeated image
 NAMED_AFTER_S = 0.3
-FOLLOWS = 0.5  # largest share of the expected motion by which the seen one may differ
-STANDS_S = 1.0  # a robot that was put down may be believed after standing for so long
-REMEMBERED = 3000  # images that moved
-LONGEST_DELAY_S = 0.6  # of the images against odometry
+FOLLOWS = 0.5  # largest difference of observed and expected motion, as a share of the expected one
+STANDS_S = 1.0  # after a restart, a pose is accepted after standing for this time
+REMEMBERED = 3000  # stored images with motion
+LONGEST_DELAY_S = 0.6  # of the images relative to odometry
 
 Corners = dict[LandmarkId, FloatArray]
 
 
 @dataclass
 class _View:
-    """One camera's corners (4,2), px, at a time, and odometry's pose of the base then."""
+    """One camera's corners (4,2), px, at a time, and odometry's pose of the base at this time."""
 
     corners: Corners
     odometry: Pose | None
     time_s: float
-    together: Sequence[_View] = ()  # of all cameras at that time
-    points: dict[LandmarkId, FloatArray] = field(default_factory=dict)  # (4,3) in the camera, once asked for
+    together: Sequence[_View] = ()  # views of all cameras at this time
+    points: dict[LandmarkId, FloatArray] = field(default_factory=dict)  # (4,3) in the camera, computed when needed
 
 
 @dataclass
@@ -54,20 +54,20 @@ class _Camera:
     """Memory of one camera."""
 
     mounted: MountedCamera
-    reference: _View | None = None  # since then its corners have stood still
-    anchor: _View | None = None  # since the last start
+    reference: _View | None = None  # view since which its corners have not moved
+    anchor: _View | None = None  # view since the last start
     seen: deque[_View] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
-    since_s: float | None = None  # corners contradict the motion
-    fresh_since_s: float | None = None  # and since then no more
+    since_s: float | None = None  # start of corners that contradict the motion
+    fresh_since_s: float | None = None  # start of corners that agree with it again
     repeats: bool = False
     named: bool = False
 
 
 class StaleImages:
-    """Withholds detections of images that stand still while the robot moves.
+    """Withholds detections of images without motion while the robot moves.
 
     Args:
-        by_odometry: rows of motion come; else the cameras of the rig are compared with each other.
+        by_odometry: compare with rows of motion; else compare the cameras of the rig with each other.
     """
 
     def __init__(self, rig: AnyRig, landmarks: LandmarkMap, by_odometry: bool) -> None:
@@ -81,16 +81,16 @@ class StaleImages:
         self._stood_since: float | None = None
 
     def add(self, row: MotionRow) -> None:
-        """Take a row of motion."""
+        """Add a row of motion."""
         self._odometry.add(row)
 
     def withheld(
         self, time_s: float, seen: Sequence[Sequence[Detection]], delay_s: float = 0.0
     ) -> tuple[frozenset[int], tuple[Event, ...]]:
-        """Cameras whose detections must not be used, and what is to be named.
+        """Cameras whose detections must not be used, and events.
 
         Args:
-            delay_s: of the images against odometry, as far as it is known.
+            delay_s: estimated delay of the images relative to odometry.
         """
         at = self._odometry.at(time_s - min(max(delay_s, 0.0), LONGEST_DELAY_S))
         views = [_View({d.id: d.corners for d in found if d.id in self._map}, at, time_s) for found in seen]
@@ -120,7 +120,7 @@ class StaleImages:
         return frozenset(stale), tuple(events)
 
     def start(self) -> None:
-        """The filter was started here: nothing says yet that the images are of now."""
+        """Note a start of the filter: it is not yet known whether the images are current."""
         self._starts += 1
         self._followed = not self._by_odometry
         self._stood_since = None
@@ -128,21 +128,21 @@ class StaleImages:
             camera.anchor = view if view.corners else None
 
     def doubt(self) -> str:
-        """Why the pose of a step is not to be believed; empty where nothing speaks against it."""
+        """Reason why the pose of a step is not reliable; empty if there is none."""
         named = [camera.mounted.name for camera in self._cameras if camera.named]
         if len(named) < len(self._cameras):
             return ""
         return f"camera {', '.join(named)} repeats an old image, or the wheels slip"
 
     def waits(self, time_s: float) -> str:
-        """Sentence on what must still be seen before the pose of a start is believed; empty if it was seen."""
+        """Missing condition before the pose of a start is accepted; empty if it is met."""
         if self._followed:
             return ""
         stood = self._stood_since is not None and (self._starts < 2 or time_s - self._stood_since >= STANDS_S)
         return "" if stood else "located anew: waiting for images that move as odometry does"
 
     def _doubtful(self, k: int, view: _View) -> bool:
-        """Whether a camera's corners contradict the motion; keeps the image since which they have stood still."""
+        """Whether a camera's corners contradict the motion; keeps the image since which they have not moved."""
         camera = self._cameras[k]
         if not view.corners:
             return False
@@ -153,14 +153,14 @@ class StaleImages:
         moved, expected = self._shifts(camera, reference, view, common)
         if _length(moved) > (STILL_PX if camera.since_s is None else MOVED_PX):
             return self._renew(camera, view, is_jump=_length(moved - expected) > JUMP_PX)
-        if camera.since_s is not None:  # what is read in the same old image only now and then
+        if camera.since_s is not None:  # landmarks that are read only sometimes in the same old image
             reference.corners.update({id_: at for id_, at in view.corners.items() if id_ not in reference.corners})
         if camera.repeats or self._by_odometry:
             return camera.repeats or _length(expected) > MOVED_PX
         return self._contradicts(k, reference, view, common)
 
     def _is_back(self, camera: _Camera, view: _View) -> bool:
-        """Whether a camera that repeated an image has contradicted nothing for a while."""
+        """Whether a camera that repeated an image has agreed with the motion for a while."""
         if not view.corners:
             return False
         if camera.fresh_since_s is None:
@@ -168,7 +168,7 @@ class StaleImages:
         return view.time_s - camera.fresh_since_s >= NAMED_AFTER_S
 
     def _renew(self, camera: _Camera, view: _View, is_jump: bool) -> bool:
-        """Keep an image that moved; whether it is one that was seen before at another place."""
+        """Store an image with motion; returns whether the same image was seen before at another place."""
         camera.repeats = is_jump and self._was_seen(camera, view)
         camera.reference = view
         if not camera.repeats:
@@ -176,7 +176,7 @@ class StaleImages:
         return camera.repeats
 
     def _was_seen(self, camera: _Camera, view: _View) -> bool:
-        """Whether an earlier image, since which the robot has moved, had the very same corners."""
+        """Whether an earlier image had the same corners although the robot has moved since."""
         ids = list(view.corners)
         first, x = ids[0], float(view.corners[ids[0]][0, 0])
         has_left = False
@@ -193,7 +193,7 @@ class StaleImages:
         return False
 
     def _contradicts(self, k: int, reference: _View, view: _View, common: Sequence[LandmarkId]) -> bool:
-        """Whether the other cameras say that the corners of this one should have moved."""
+        """Whether corners of this camera should have moved according to the other cameras."""
         others = [pair for j, pair in enumerate(zip(reference.together, view.together, strict=True)) if j != k]
         shifts = [_moved(a, b, ids) for a, b in others if (ids := [id_ for id_ in b.corners if id_ in a.corners])]
         if all(_length(shift) < MOVED_PX for shift in shifts):
@@ -207,7 +207,7 @@ class StaleImages:
         return _length(expected) > MOVED_PX
 
     def _by_others(self, k: int, views: Sequence[_View]) -> Pose | None:
-        """Pose of the base by all cameras but one; None where they do not give it."""
+        """Pose of the base from all cameras except one; None if they do not determine it."""
         seen = [
             [] if j == k else [Detection(id_, corners, 1.0, 1.0) for id_, corners in view.corners.items()]
             for j, view in enumerate(views)
@@ -223,7 +223,7 @@ class StaleImages:
     def _shifts(
         self, camera: _Camera, before: _View, now: _View, ids: Sequence[LandmarkId]
     ) -> tuple[FloatArray, FloatArray]:
-        """(N,2), px: how far corners moved, and how far odometry says that they did."""
+        """(N,2), px: observed motion of corners, and their motion predicted from odometry."""
         moved = _moved(before, now, ids)
         if before.odometry is None or now.odometry is None:
             return moved, np.zeros_like(moved)
@@ -234,13 +234,13 @@ class StaleImages:
         later = (((points - t) @ R) @ step.R.T + step.t) @ R.T + t
         at = np.concatenate([before.corners[id_] for id_ in ids])
         ahead = later[:, 2] > 0.05
-        expected = np.full_like(at, 2 * JUMP_PX)  # behind the camera: it cannot be seen any more
+        expected = np.full_like(at, 2 * JUMP_PX)  # behind the camera, so no longer visible
         if ahead.any():
             expected[ahead] = camera.mounted.model.project(later[ahead]) - at[ahead]
         return moved, expected
 
     def _points(self, camera: _Camera, view: _View, id_: LandmarkId) -> FloatArray:
-        """(4,3) corners in the camera, as far as their size in the image says."""
+        """(4,3) corners in the camera, with the depth from their size in the image."""
         if id_ not in view.points:
             rays = camera.mounted.model.unproject(view.corners[id_])
             side = float(np.linalg.norm(rays - np.roll(rays, 1, axis=0), axis=1).max())
@@ -254,7 +254,7 @@ class StaleImages:
         return landmark.size_m
 
     def _follow(self, views: Sequence[_View], stale: set[int]) -> None:
-        """Since the last start: do images move as odometry does, or does the robot stand?"""
+        """Check since the last start: images move with odometry, or the robot is stationary."""
         if self._followed:
             return
         for k, (camera, view) in enumerate(zip(self._cameras, views, strict=True)):
@@ -266,7 +266,7 @@ class StaleImages:
                 continue
             moved, expected = self._shifts(camera, camera.anchor, view, ids)
             if _length(expected) > MOVED_PX:
-                # At first only an image that stands still is feared: the odometry's delay is not known yet.
+                # At the first start only images without motion are refused: the odometry's delay is not known yet.
                 first = self._starts < 2 and _length(moved) > MOVED_PX
                 self._followed = first or _length(moved - expected) < FOLLOWS * _length(expected)
                 self._stood_since = None

@@ -1,4 +1,4 @@
-"""The result of one step of the live loop, as every output, listener and page gets it."""
+"""The result of one step of the live loop, for outputs, listeners and the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Event:
-    """One thing that happened to a source, an output or the robot, named for machines and for people.
+    """An event of a source, an output or the robot, with a code for programs and a message for users.
 
     Attributes:
         code: short stable name, such as ``camera_lost``.
@@ -41,11 +41,11 @@ class Health:
 
     Attributes:
         name: as given, such as ``camera:0`` or ``mavlink:udpout:127.0.0.1:14550``.
-        good: it works now.
-        rate_hz: images or messages a second.
+        good: whether it works now.
+        rate_hz: images or messages per second.
         count: images or messages so far.
-        lost: of them, dropped.
-        problem: why it does not work; empty if it does.
+        lost: number of dropped ones.
+        problem: reason why it does not work; empty if it works.
     """
 
     name: str
@@ -66,10 +66,10 @@ class CameraView:
 
     Attributes:
         name: of the camera in the rig.
-        image: (H,W,3) BGR, which nobody changes; None where the camera gave none.
+        image: (H,W,3) BGR, not to be modified; None if the camera gave none.
         time_s: stamp of the image.
-        detections: what was read in it.
-        expected: corners (4,2), px, by landmark, where the pose puts the map's landmarks.
+        detections: landmarks read in the image.
+        expected: corners (4,2), px, of the map's landmarks, predicted from the pose.
         search: ``whole``, ``near`` (windows around predictions), or ``none``.
     """
 
@@ -88,25 +88,25 @@ class LiveState:
     Attributes:
         number: of the step, from 0.
         time_s: stamp of the images, seconds of Unix time (of a recording: its own time).
-        status: what the pose is worth.
-        T_map_base: pose of the robot's base (of the first camera where the rig names no base); None unless the status
+        status: whether the pose can be used, or why not.
+        T_map_base: pose of the robot's base (of the first camera if the rig has no base); None unless the status
             is ``ok``.
         covariance: (6,6) x y z (m), rotation about x y z (rad) of the map; None without a pose.
         views: of every camera, in the order of the rig.
-        ids: landmarks that the pose agrees with.
-        outliers: landmarks that it does not.
-        restarted: True where the robot was located anew: at the start, or after it was lost or carried off.
-        resets: how often that happened so far.
-        nis, nis_dof: squared innovations in standard deviations, and how many numbers they are of.
-        latency_s: from the stamp of the images to the end of the step; None of a recording.
-        rate_hz: poses a second, of the last seconds.
+        ids: landmarks that agree with the pose.
+        outliers: landmarks that do not agree.
+        restarted: whether the robot was located again: at the start, or after it was lost or carried away.
+        resets: number of restarts so far.
+        nis, nis_dof: normalized innovation squared, and its degrees of freedom.
+        latency_s: from the stamp of the images to the end of the step; None for a recording.
+        rate_hz: poses per second, over the last seconds.
         profile: of the detector in this step.
         reason: one sentence about the status.
-        T_map_odometry: frame of the odometry in the map, where odometry has poses.
-        events: what happened since the step before.
+        T_map_odometry: frame of the odometry in the map, if odometry has poses.
+        events: events since the previous step.
         sources, outputs: their condition.
         truth: true pose of the base, of a simulation only.
-        group: what the loop was given; None where no image came.
+        group: input of the loop; None without images.
     """
 
     number: int
@@ -133,7 +133,7 @@ class LiveState:
     group: FrameGroup | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """The step as JSON values, as standard output and WebSocket give it; without images."""
+        """The step as JSON values, for standard output and WebSocket; without images."""
         pose, C = self.T_map_base, self.covariance
         return {
             "number": self.number,

@@ -11,7 +11,7 @@ EVERY_S = 0.2
 
 
 class StatusLine:
-    """A listener that keeps one line on stderr up to date, on a terminal only; events are lines of their own."""
+    """A listener that updates one line on stderr, only on a terminal; events are separate lines."""
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
