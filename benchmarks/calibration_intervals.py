@@ -1,6 +1,6 @@
 """Stated intervals of a stereo calibration on uncertain data: how often do 95 % intervals hold the truth?
 
-    uv run python benchmarks/calibration_intervals.py [--n 60] [--seed 4000] [--lenses prior]
+    uv run python benchmarks/calibration_intervals.py [--n 60] [--seed 4000] [--pairs 15] [--lenses prior]
 
 Simulated corners of a 9 x 6 board in a known rig, fitted from the truth (so that only the intervals are judged).
 With ``--lenses`` both cameras' intrinsics are known beforehand, with errors: "exact" keeps them as they are although
@@ -11,7 +11,7 @@ two cameras; "sigmas" the same of a file without correlations.
 
 Kinds: good views; "partial": half of the board's columns, as a hand or the image's edge leaves them; "one distance":
 all boards within 5 % of one distance and 12 deg of head-on; "correlated": the corners of one image share a smooth
-shift (a random quadratic field of 0.15 px beside independent 0.08 px); "uncertain": all three.  15 pairs each.
+shift (a random quadratic field of 0.15 px beside independent 0.08 px); "uncertain": all three.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ from lmkit.model.observation import PairView
 from lmkit.simulation.scene import make_rig
 
 BOARD = BoardSpec("chessboard", 9, 6, 25.0)
-PAIRS = 15
 KINDS = ("good", "partial", "one distance", "correlated", "uncertain")
 INDEPENDENT_PX, SMOOTH_PX = 0.08, 0.15
 KNOWN_PX = 2.0
@@ -69,10 +68,10 @@ def shifts(kind: str, pixels: np.ndarray, rng: np.random.Generator) -> np.ndarra
     return errors
 
 
-def views(kind: str, rng: np.random.Generator) -> tuple[list[PairView], np.ndarray, np.ndarray]:
+def views(kind: str, count: int, rng: np.random.Generator) -> tuple[list[PairView], np.ndarray, np.ndarray]:
     """Pairs with their true board poses."""
     rig, result, rotations, translations = make_rig(), [], [], []
-    while len(result) < PAIRS:
+    while len(result) < count:
         R, t = board_pose(kind in ("one distance", "uncertain"), rng)
         ids = np.arange(len(BOARD.object_points))
         if kind in ("partial", "uncertain"):
@@ -97,7 +96,7 @@ def views(kind: str, rng: np.random.Generator) -> tuple[list[PairView], np.ndarr
 def good_covariance() -> np.ndarray:
     """(K,K) covariance of both cameras' intrinsics after a calibration from good views."""
     rig = make_rig()
-    pairs, R, t = views("good", np.random.default_rng(77))
+    pairs, R, t = views("good", 15, np.random.default_rng(77))
     truth = Solution(rig.left, rig.right, rig.T_right_left.R, rig.T_right_left.t, np.zeros(2), R, t)
     count = len(intrinsics_vector(rig.left)) + len(intrinsics_vector(rig.right))
     return StereoProblem(BOARD.object_points, pairs).solve(truth, FitOptions()).covariance[:count, :count]
@@ -117,19 +116,19 @@ def known_lenses(lenses: str, rng: np.random.Generator) -> KnownIntrinsics:
     return KnownIntrinsics(rng.normal(true, sigma), np.diag(sigma**2))
 
 
-def examine(job: tuple[str, int, str]) -> tuple[str, list[tuple[str, float, float]]]:
+def examine(job: tuple[str, int, int, str]) -> tuple[str, list[tuple[str, float, float]]]:
     """(kind, [(which, error, stated standard deviation)])."""
-    kind, seed, lenses = job
+    kind, count, seed, lenses = job
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     rig = make_rig()
-    pairs, R, t = views(kind, rng)
+    pairs, R, t = views(kind, count, rng)
     truth = Solution(rig.left, rig.right, rig.T_right_left.R, rig.T_right_left.t, np.zeros(2), R, t)
     options = FitOptions()
     if lenses:
         known = known_lenses(lenses, rng)
         options = FitOptions(intrinsics=False) if lenses == "exact" else FitOptions(known=known)
-        count = len(intrinsics_vector(rig.left))
-        left, right = with_intrinsics(rig.left, known.mean[:count]), with_intrinsics(rig.right, known.mean[count:])
+        own = len(intrinsics_vector(rig.left))
+        left, right = with_intrinsics(rig.left, known.mean[:own]), with_intrinsics(rig.right, known.mean[own:])
         truth = replace(truth, left=left, right=right)
     s = StereoProblem(BOARD.object_points, pairs).solve(truth, options)
     sigma = np.sqrt(np.diag(s.covariance))
@@ -151,10 +150,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=60)
     parser.add_argument("--seed", type=int, default=4000)
+    parser.add_argument("--pairs", type=int, default=15)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--lenses", choices=("exact", "prior", "stated", "sigmas"), default="")
     options = parser.parse_args()
-    jobs = [(kind, options.seed + k, options.lenses) for kind in KINDS for k in range(options.n)]
+    jobs = [(kind, options.pairs, options.seed + k, options.lenses) for kind in KINDS for k in range(options.n)]
     with ProcessPoolExecutor(options.workers) as pool:
         answers = list(pool.map(examine, jobs, chunksize=4))
     names = NAMES if options.lenses != "exact" else NAMES[2:]

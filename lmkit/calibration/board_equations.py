@@ -23,7 +23,7 @@ WARP = 2
 POSE = 6
 DAMPING = Damping(start=1e-3, grow=10.0, first_grown=0.0)
 CONVERGED = 1e-7  # relative gain; with some thousand residuals, a thousandth of a standard deviation of any parameter
-LEAST_PAIRS = 8  # for an estimate of the scatter between pairs
+LEAST_PAIRS = 3  # for an estimate of the scatter between pairs
 LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss halves its weight
 
 
@@ -194,8 +194,10 @@ def scatter_between_pairs(
     except np.linalg.LinAlgError:
         return np.ones(count)
     pairs = len(moved)
-    # With few pairs, the variance of Student's distribution replaces the normal one.
-    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs * (pairs - 1) / (pairs - 3)
+    # With few pairs, the variance of Student's distribution replaces the normal one; of less than five pairs, the
+    # jackknife itself is too large.
+    student = (pairs - 1) / (pairs - 3) if pairs > 5 else 2.0
+    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs * student
     ratios = variance / np.maximum(np.diag(covariance), 1e-300)
     return np.asarray(np.maximum(ratios, max(1.0, float(np.median(ratios)))))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 
 import numpy as np
@@ -77,7 +78,7 @@ def test_what_was_warned_of_and_what_to_take_next_is_in_it(result):
     html = calibration_report(result, BOARD, {})
     assert result.warnings
     for warning in result.warnings:
-        assert warning.message in html
+        assert escape(warning.message) in html
     for view in result.coverage.advice:
         assert view in html
 

@@ -97,12 +97,13 @@ def test_corners_that_err_together_widen_the_intervals(monkeypatch):
 
     assert widened(views(16, 0.1, 3)) < 1.15
     rng = np.random.default_rng(3)
-    distorted = []
-    for view in views(16, 0.02, 3):
-        x, y = ((view.left - [320, 240]) / 240).T
-        distortion_px = np.column_stack([x * y, x**2, y**2]) @ rng.normal(0, 0.2, (3, 2))
-        distorted.append(replace(view, left=view.left + distortion_px))
-    assert widened(distorted) > 1.5
+    for count in (16, 5):
+        distorted = []
+        for view in views(count, 0.02, 3):
+            x, y = ((view.left - [320, 240]) / 240).T
+            distortion_px = np.column_stack([x * y, x**2, y**2]) @ rng.normal(0, 0.2, (3, 2))
+            distorted.append(replace(view, left=view.left + distortion_px))
+        assert widened(distorted) > 1.5
 
 
 def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
