@@ -58,10 +58,10 @@ def run_jobs(
             return
     # One process per job, so that a job that kills its worker does not affect others.
     for job in left:
-        lone: list[Job] = []
+        died_alone: list[Job] = []
         with executor_for(engine, 1) as pool:
-            yield from _completed(pool, work, [job], lone)
-        if lone:
+            yield from _completed(pool, work, [job], died_alone)
+        if died_alone:
             yield job, None
 
 

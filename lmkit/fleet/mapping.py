@@ -19,7 +19,7 @@ from lmkit.fleet.parts import READINGS, Part, part_folder
 from lmkit.fleet.store import Store
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.mapping.bundle_adjustment import Anchor
-from lmkit.mapping.recording_group import LoneSurvey
+from lmkit.mapping.recording_group import SingleSurvey
 from lmkit.mapping.several_readings import survey_readings_together
 from lmkit.mapping.several_recordings import NamedRecording, join_surveys, survey_alone
 from lmkit.mapping.survey import anchors_of, landmark_sizes
@@ -65,7 +65,7 @@ class PartSurvey:
     size_m: float
     anchors: Mapping[LandmarkId, Anchor]
 
-    def __call__(self, part: Part) -> LoneSurvey | str:
+    def __call__(self, part: Part) -> SingleSurvey | str:
         """Survey of the part, or the reason why there is none."""
         try:
             recording, rig = read_detected(self.store, part)
@@ -157,7 +157,7 @@ def survey_site(
     left_out = reasons if len(reasons) < len(parts) else {}
     used = [part for part in parts if part.name not in left_out]
     with tempfile.TemporaryDirectory(prefix="lmkit-") as scratch:
-        answers: dict[Part, LoneSurvey | str] = {}
+        answers: dict[Part, SingleSurvey | str] = {}
         for part, answer in run_jobs(PartSurvey(store, size_m, anchors), used, engine):
             answers[part] = DIED if answer is None else _stored(answer, Path(scratch) / f"{len(answers)}.npz")
         joint = join_surveys({part.name: answers[part] for part in used}, anchors)
@@ -166,14 +166,14 @@ def survey_site(
     return SiteSurvey(site, landmarks, {"site": site, **joint.to_dict()})
 
 
-def _stored(answer: LoneSurvey | str, path: Path) -> LoneSurvey | str:
+def _stored(answer: SingleSurvey | str, path: Path) -> SingleSurvey | str:
     """The survey of a part, with its observations in a file, since those of a site may exceed the memory.
 
     Raises:
         InputError: they cannot be written.
     """
     try:
-        if isinstance(answer, LoneSurvey):
+        if isinstance(answer, SingleSurvey):
             answer.solved.problem.store_observations(path)
     except OSError as error:
         raise InputError(

@@ -293,7 +293,7 @@ class BundleProblem:
         self.lm_R, self.lm_p = self.lm_R.copy(), self.lm_p.copy()
         self.lm_R[landmark], self.lm_p[landmark] = R, p
 
-    def lay(self, R: FloatArray, t: FloatArray) -> None:
+    def transform(self, R: FloatArray, t: FloatArray) -> None:
         """Transform everything, x -> R x + t, including the anchors."""
         self.R, self.p = R @ self.R, self.p @ R.T + t
         self.lm_R, self.lm_p = R @ self.lm_R, self.lm_p @ R.T + t

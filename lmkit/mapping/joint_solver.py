@@ -61,9 +61,9 @@ class JointSolver:
         constraints: Sequence[LandmarkConstraint],
     ) -> None:
         self.group, self.known, self.constraints = group, known, constraints
-        self.problems = [one.solved.problem for one in group.lone]
-        self.lone_used = [problem.used.copy() for problem in self.problems]
-        self.lone_poses = [(problem.lm_R.copy(), problem.lm_p.copy()) for problem in self.problems]
+        self.problems = [one.solved.problem for one in group.surveys]
+        self.single_used = [problem.used.copy() for problem in self.problems]
+        self.single_poses = [(problem.lm_R.copy(), problem.lm_p.copy()) for problem in self.problems]
         self.anchors = dict(known) or dict(self.problems[0].anchors)
         self.threshold = moved_threshold(sum(len(problem.mapped) for problem in self.problems))
         self.noise = 1.0
@@ -95,7 +95,7 @@ class JointSolver:
     def contradicted_recordings(self) -> dict[str, str]:
         """Names of recordings in which most shared landmarks are elsewhere, and a clause for each."""
         contradicted = {}
-        for recording, one in enumerate(self.group.lone):
+        for recording, one in enumerate(self.group.surveys):
             mine = [v for v in self.group.versions if recording in v.recordings]
             others = {v.id for v in self.group.versions if set(v.recordings) - {recording}}
             shared = [v for v in mine if v.id in others]
@@ -110,7 +110,7 @@ class JointSolver:
         """For landmarks that recordings see with different rotations, choose the one that explains all best."""
         for number in self.group.turned:
             version = self.group.versions[number]
-            candidates = [(self.lone_poses[r][0][row], self.lone_poses[r][1][row]) for r, row in version.members]
+            candidates = [(self.single_poses[r][0][row], self.single_poses[r][1][row]) for r, row in version.members]
             costs = [self._cost(version, R, p) for R, p in candidates]
             version.R, version.p = candidates[int(np.argmin(costs))]
 
@@ -131,7 +131,7 @@ class JointSolver:
         rows = [*self.group.rows(), np.arange(len(versions))]
         self.knowledge = self._knowledge(R, p)
         self.joint = JointProblem([*self.problems, self.knowledge], rows, R, p)
-        for problem, used in zip(self.problems, self.lone_used, strict=True):
+        for problem, used in zip(self.problems, self.single_used, strict=True):
             problem.used = used.copy()
         dropped = -1
         for _ in range(ROUNDS):
@@ -162,7 +162,7 @@ class JointSolver:
             T = Pose("map", "landmark", orthonormal(R[number]), p[number])
             mapped.append(MappedLandmark(id_, 1.0, T))
         nowhere = PoseArray("map", "left", np.zeros((0, 3, 3)), np.zeros((0, 3)))
-        rig = self.group.lone[0].rig
+        rig = self.group.surveys[0].rig
         return BundleProblem((), rig, nowhere, LandmarkMap(mapped), self.anchors, constraints=self.constraints)
 
     def _last_versions(self) -> dict[LandmarkId, int]:
@@ -214,7 +214,7 @@ class JointSolver:
 
     def _released_by_all(self) -> set[LandmarkId]:
         """Known landmarks that every recording which saw them has at another place."""
-        saw = [(one.released, set(one.solved.problem.landmark_ids)) for one in self.group.lone]
+        saw = [(one.released, set(one.solved.problem.landmark_ids)) for one in self.group.surveys]
         some = {id_ for released, _ in saw for id_ in released}
         return {id_ for id_ in some if all(id_ in released for released, seen in saw if id_ in seen)}
 
@@ -242,7 +242,7 @@ class JointSolver:
         that contradict each other do so too, so motions of those landmarks are not reported.
         """
         self.noise = noise_factor(self.problems)
-        tests = split_tests(self.joint, self.problems, self.group.versions, self.lone_used, self.noise)
+        tests = split_tests(self.joint, self.problems, self.group.versions, self.single_used, self.noise)
         self.threshold = moved_threshold(len(tests))
         over = [
             t
@@ -259,7 +259,7 @@ class JointSolver:
             off = off[1:]
         for recording, row in off:
             version.members.remove((recording, row))
-            R, p = (poses[row] for poses in self.lone_poses[recording])
+            R, p = (poses[row] for poses in self.single_poses[recording])
             self.group.versions.append(Version(version.id, [(recording, row)], R, p))
         return True
 
@@ -299,7 +299,7 @@ class JointSolver:
         noise = [noise_factor([problem]) for problem in self.problems]
         C, spreads = self._covariance(noise), self._spreads()
         surveys, information = [], []
-        for one, rows, factor in zip(self.group.lone, self.group.rows(), noise, strict=True):
+        for one, rows, factor in zip(self.group.surveys, self.group.rows(), noise, strict=True):
             problem = one.solved.problem
             own = recording_information(problem, problem.stated_equations(factor))
             known = _elsewhere(C, unknowns_of(rows, 6), own.H)
@@ -326,7 +326,7 @@ class JointSolver:
         return JointSurvey(
             landmarks,
             C[np.ix_(columns, columns)],
-            tuple(one.name for one in self.group.lone),
+            tuple(one.name for one in self.group.surveys),
             tuple(surveys),
             dict(left_out),
             tuple(moved),
@@ -341,7 +341,7 @@ class JointSolver:
 
     def _doubtful(self, current: Sequence[MappedLandmark], order: Sequence[int]) -> tuple[KeptOut, ...]:
         """Landmarks that too few frames of all recordings support."""
-        recordings = [LocatedFrames.of(one.solved.problem, one.rig) for one in self.group.lone]
+        recordings = [LocatedFrames.of(one.solved.problem, one.rig) for one in self.group.surveys]
         # If a landmark has several versions, the current one is tested.
         for m, number in zip(current, order, strict=True):
             members = {recording for recording, _ in self.group.versions[number].members}
@@ -412,13 +412,13 @@ class JointSolver:
         return replace(self.problems[recording].mapped[row], T_map_landmark=T, covariance=C[np.ix_(rows, rows)])
 
     def _names(self, number: int) -> tuple[str, ...]:
-        return tuple(self.group.lone[recording].name for recording in self.group.versions[number].recordings)
+        return tuple(self.group.surveys[recording].name for recording in self.group.versions[number].recordings)
 
     def _spreads(self) -> dict[int, FloatArray]:
         """(6,6) by version: landmarks whose pose is ambiguous in every recording that saw them."""
         spreads = {}
         for number, version in enumerate(self.group.versions):
-            mine = [self.group.lone[r].solved.undecided.get(row) for r, row in version.members]
+            mine = [self.group.surveys[r].solved.undecided.get(row) for r, row in version.members]
             known = [spread for spread in mine if spread is not None]
             if mine and len(known) == len(mine):
                 spreads[number] = min(known, key=np.trace)

@@ -28,8 +28,8 @@ MOST_CANDIDATES = 60
 
 
 @dataclass(frozen=True, eq=False)
-class LoneMap:
-    """Landmarks of one recording in a frame of its own.
+class SingleMap:
+    """Landmarks of a single recording in its own frame.
 
     Attributes:
         ids: (L); an id may come twice, where a landmark was moved.
@@ -44,19 +44,19 @@ class LoneMap:
     covariances: FloatArray
     ambiguous: BoolArray
 
-    def laid(self, R: FloatArray, t: FloatArray, covariance: FloatArray) -> LoneMap:
-        """The map transformed by x -> R x + t, with the (6,6) covariance of that shift and rotation."""
+    def transformed(self, R: FloatArray, t: FloatArray, covariance: FloatArray) -> SingleMap:
+        """The map transformed by x -> R x + t, with the (6,6) covariance of the shift and rotation."""
         turned = np.kron(np.eye(2), R)
         p = self.p @ R.T
         J = np.tile(np.eye(6), (len(p), 1, 1))
         J[:, :3, 3:] = -skew(p)
         C = turned @ self.covariances @ turned.T + J @ covariance @ J.transpose(0, 2, 1)
-        return LoneMap(self.ids, R @ self.R, p + t, C, self.ambiguous)
+        return SingleMap(self.ids, R @ self.R, p + t, C, self.ambiguous)
 
-    def with_more(self, other: LoneMap, rows: Sequence[int]) -> LoneMap:
+    def with_more(self, other: SingleMap, rows: Sequence[int]) -> SingleMap:
         """The map, and some landmarks of another one."""
         rows = list(rows)
-        return LoneMap(
+        return SingleMap(
             self.ids + tuple(other.ids[k] for k in rows),
             np.concatenate([self.R, other.R[rows]]),
             np.concatenate([self.p, other.p[rows]]),
@@ -91,7 +91,7 @@ class Placement:
         return int(self.fits.sum())
 
 
-def place_map(fixed: LoneMap, other: LoneMap) -> Placement | str:
+def place_map(fixed: SingleMap, other: SingleMap) -> Placement | str:
     """Placement of ``other`` in ``fixed``, or a clause with the reason why there is none."""
     where = {id_: [k for k, i in enumerate(fixed.ids) if i == id_] for id_ in set(fixed.ids) & set(other.ids)}
     pairs = np.array([(k, row) for row, id_ in enumerate(other.ids) for k in where.get(id_, ())]).reshape(-1, 2)
@@ -126,7 +126,7 @@ def place_map(fixed: LoneMap, other: LoneMap) -> Placement | str:
 class _Match:
     """Shared landmarks of two maps."""
 
-    def __init__(self, fixed: LoneMap, other: LoneMap, pairs: IntArray) -> None:
+    def __init__(self, fixed: SingleMap, other: SingleMap, pairs: IntArray) -> None:
         self.pairs = pairs
         a, b = pairs.T
         self.R_fixed, self.p_fixed, self.C_fixed = fixed.R[a], fixed.p[a], fixed.covariances[a]

@@ -248,7 +248,7 @@ class PlanarProblem:
         """Normal equations and cost at the current state."""
         return self._equations()[:2]
 
-    def lay(self, turn_rad: float, shift: FloatArray) -> None:
+    def transform(self, turn_rad: float, shift: FloatArray) -> None:
         """Transform states and landmarks, x -> R x + t."""
         c, s = np.cos(turn_rad), np.sin(turn_rad)
         R = np.array([[c, -s], [s, c]])

@@ -9,7 +9,7 @@ import numpy as np
 
 from lmkit.arrays import FloatArray, IntArray
 from lmkit.geometry.rig import AnyRig
-from lmkit.mapping.map_joining import LoneMap, Placement, place_map
+from lmkit.mapping.map_joining import Placement, SingleMap, place_map
 from lmkit.mapping.solved_recording import SolvedRecording
 from lmkit.mapping.survey_results import Survey
 from lmkit.model.landmark_id import LandmarkId
@@ -19,16 +19,16 @@ Member = tuple[int, int]  # recording, and row among its landmarks
 
 
 @dataclass(frozen=True, eq=False)
-class LoneSurvey:
-    """One recording, surveyed alone.
+class SingleSurvey:
+    """Survey of a single recording.
 
     Attributes:
-        name: of the recording.
-        rig: that took it.
+        name: name of the recording.
+        rig: rig of the recording.
         solved: its bundle adjustment.
-        survey: the results of that.
-        anchored: it saw known landmarks, so it is in the map's frame already.
-        released: known landmarks that it saw at other places.
+        survey: results of the bundle adjustment.
+        anchored: whether known landmarks were seen, so that the survey is in the map's frame.
+        released: known landmarks that were seen at other places.
     """
 
     name: str
@@ -38,7 +38,7 @@ class LoneSurvey:
     anchored: bool
     released: frozenset[LandmarkId] = frozenset()
 
-    def lone_map(self) -> tuple[LoneMap, IntArray]:
+    def single_map(self) -> tuple[SingleMap, IntArray]:
         """Its reliable landmarks, and their rows in the bundle adjustment."""
         problem = self.solved.problem
         number = {id_: row for row, id_ in enumerate(problem.landmark_ids)}
@@ -49,7 +49,7 @@ class LoneSurvey:
         C = (axes * np.clip(values, 0.0, ALWAYS**2)[:, None]) @ axes.transpose(0, 2, 1)
         ambiguous = np.array([row in self.solved.undecided for row in rows.tolist()], dtype=bool)
         ids = tuple(m.id for m in mapped)
-        return LoneMap(ids, problem.lm_R[rows], problem.lm_p[rows], C, ambiguous), rows
+        return SingleMap(ids, problem.lm_R[rows], problem.lm_p[rows], C, ambiguous), rows
 
 
 @dataclass(eq=False)
@@ -78,46 +78,46 @@ class RecordingGroup:
     """Recordings aligned in one frame, and the landmarks that they share.
 
     Attributes:
-        lone: the recordings.
+        surveys: one per recording.
         versions: the landmarks of the joint map.
         turned: numbers of versions that recordings see at one place with different rotations.
         left_out: names of recordings that do not fit, and why.
     """
 
-    lone: list[LoneSurvey]
+    surveys: list[SingleSurvey]
     versions: list[Version]
     turned: set[int] = field(default_factory=set)
     left_out: dict[str, str] = field(default_factory=dict)
 
     def rows(self) -> list[IntArray]:
         """(L,) of every recording: the versions that its landmarks are."""
-        rows = [np.full(len(lone.solved.problem.mapped), -1) for lone in self.lone]
+        rows = [np.full(len(survey.solved.problem.mapped), -1) for survey in self.surveys]
         for number, version in enumerate(self.versions):
             for recording, row in version.members:
                 rows[recording][row] = number
         return rows
 
 
-def join_recordings(lone: Sequence[LoneSurvey]) -> RecordingGroup:
+def join_recordings(surveys: Sequence[SingleSurvey]) -> RecordingGroup:
     """Align recordings in the frame of one of them, so that most of them fit.
 
     Recordings in the frame of known landmarks come first.  The poses and landmarks of the others' bundle
     adjustments are transformed.
     """
-    anchored = [k for k, one in enumerate(lone) if one.anchored]
-    best: tuple[dict[int, _Laid], dict[int, str]] | None = None
-    for first in [anchored] if anchored else [[k] for k in range(len(lone))]:
-        laid, reasons = _grow(lone, first)
-        if best is None or len(laid) > len(best[0]):
-            best = laid, reasons
-        if 2 * len(laid) > len(lone):
+    anchored = [k for k, one in enumerate(surveys) if one.anchored]
+    best: tuple[dict[int, _Alignment], dict[int, str]] | None = None
+    for first in [anchored] if anchored else [[k] for k in range(len(surveys))]:
+        aligned, reasons = _grow(surveys, first)
+        if best is None or len(aligned) > len(best[0]):
+            best = aligned, reasons
+        if 2 * len(aligned) > len(surveys):
             break
     assert best is not None
-    return _grouped(lone, *best)
+    return _grouped(surveys, *best)
 
 
 @dataclass(frozen=True, eq=False)
-class _Laid:
+class _Alignment:
     """Alignment of a recording, and the association of its landmarks."""
 
     R: FloatArray
@@ -126,12 +126,12 @@ class _Laid:
     turned: tuple[int, ...]
 
 
-def _grow(lone: Sequence[LoneSurvey], first: Sequence[int]) -> tuple[dict[int, _Laid], dict[int, str]]:
+def _grow(surveys: Sequence[SingleSurvey], first: Sequence[int]) -> tuple[dict[int, _Alignment], dict[int, str]]:
     """Recordings aligned one after another, the best connected first, and reasons for those that are not."""
-    maps = [one.lone_map()[0] for one in lone]
+    maps = [one.single_map()[0] for one in surveys]
     together, none = _subset(maps[first[0]], []), np.zeros((6, 6))
-    laid: dict[int, _Laid] = {}
-    todo = list(range(len(lone)))
+    aligned: dict[int, _Alignment] = {}
+    todo = list(range(len(surveys)))
 
     def add(
         k: int, R: FloatArray, t: FloatArray, covariance: FloatArray, same: dict[int, int], turned: list[int]
@@ -139,12 +139,12 @@ def _grow(lone: Sequence[LoneSurvey], first: Sequence[int]) -> tuple[dict[int, _
         nonlocal together
         new = [row for row in range(len(maps[k].ids)) if row not in same]
         count = len(together.ids)
-        together = together.with_more(maps[k].laid(R, t, covariance), new)
-        laid[k] = _Laid(R, t, {**same, **{row: count + i for i, row in enumerate(new)}}, tuple(turned))
+        together = together.with_more(maps[k].transformed(R, t, covariance), new)
+        aligned[k] = _Alignment(R, t, {**same, **{row: count + i for i, row in enumerate(new)}}, tuple(turned))
         todo.remove(k)
 
     for k in first:
-        answer = place_map(together, maps[k]) if laid else None
+        answer = place_map(together, maps[k]) if aligned else None
         same, turned = _same(answer) if isinstance(answer, Placement) else ({}, [])
         add(k, np.eye(3), np.zeros(3), none, same, turned)
     answers: dict[int, Placement | str] = {}
@@ -155,40 +155,42 @@ def _grow(lone: Sequence[LoneSurvey], first: Sequence[int]) -> tuple[dict[int, _
             break
         k = max(joined, key=lambda k: joined[k].agreeing)
         add(k, joined[k].R, joined[k].t, joined[k].covariance, *_same(joined[k]))
-    return laid, {k: str(answers[k]) for k in todo}
+    return aligned, {k: str(answers[k]) for k in todo}
 
 
 def _same(placement: Placement) -> tuple[dict[int, int], list[int]]:
-    """Row in the laid map -> row in the fixed one, and rows in the fixed one of those that are turned."""
+    """Row in the fixed map by row in the aligned one, and rows in the fixed one of rotated landmarks."""
     same = {int(b): int(a) for (a, b), fits in zip(placement.pairs, placement.fits, strict=True) if fits}
     return same, [int(a) for (a, _), turned in zip(placement.pairs, placement.turned, strict=True) if turned]
 
 
-def _subset(lone: LoneMap, rows: list[int]) -> LoneMap:
-    ids = tuple(lone.ids[k] for k in rows)
+def _subset(whole: SingleMap, rows: list[int]) -> SingleMap:
+    ids = tuple(whole.ids[k] for k in rows)
     index = np.array(rows, dtype=np.int64)
-    return LoneMap(ids, lone.R[index], lone.p[index], lone.covariances[index], lone.ambiguous[index])
+    return SingleMap(ids, whole.R[index], whole.p[index], whole.covariances[index], whole.ambiguous[index])
 
 
-def _grouped(lone: Sequence[LoneSurvey], laid: Mapping[int, _Laid], reasons: Mapping[int, str]) -> RecordingGroup:
-    kept = sorted(laid)
+def _grouped(
+    surveys: Sequence[SingleSurvey], aligned: Mapping[int, _Alignment], reasons: Mapping[int, str]
+) -> RecordingGroup:
+    kept = sorted(aligned)
     number = {k: new for new, k in enumerate(kept)}
     versions: dict[int, Version] = {}
     turned: set[int] = set()
-    for k in laid:  # in the order of alignment: the first one gives the initial pose of a landmark
-        problem = lone[k].solved.problem
-        problem.lay(laid[k].R, laid[k].t)
-        _, rows = lone[k].lone_map()
-        for own, where in laid[k].same.items():
+    for k in aligned:  # in the order of alignment: the first one gives the initial pose of a landmark
+        problem = surveys[k].solved.problem
+        problem.transform(aligned[k].R, aligned[k].t)
+        _, rows = surveys[k].single_map()
+        for own, where in aligned[k].same.items():
             row = int(rows[own])
             if where not in versions:
                 versions[where] = Version(problem.mapped[row].id, [], problem.lm_R[row], problem.lm_p[row])
             versions[where].members.append((number[k], row))
-        turned |= set(laid[k].turned)
+        turned |= set(aligned[k].turned)
     order = list(versions)
-    group = RecordingGroup([lone[k] for k in kept], [versions[where] for where in order])
+    group = RecordingGroup([surveys[k] for k in kept], [versions[where] for where in order])
     group.turned = {order.index(where) for where in turned}
-    group.left_out = {lone[k].name: reason for k, reason in reasons.items()}
+    group.left_out = {surveys[k].name: reason for k, reason in reasons.items()}
     _place_the_rest(group)
     return group
 
@@ -196,7 +198,7 @@ def _grouped(lone: Sequence[LoneSurvey], laid: Mapping[int, _Laid], reasons: Map
 def _place_the_rest(group: RecordingGroup) -> None:
     """Associate the unreliable landmarks of recordings with those of the others, or add them as new ones."""
     for recording, rows in enumerate(group.rows()):
-        problem = group.lone[recording].solved.problem
+        problem = group.surveys[recording].solved.problem
         for row in np.flatnonzero(rows < 0).tolist():
             id_ = problem.mapped[row].id
             same = [version for version in group.versions if version.id == id_]

@@ -102,17 +102,17 @@ def _joined(problems: Mapping[str, PlanarProblem]) -> list[str]:
         name = max(left, key=lambda name: len(known.keys() & set(problems[name].ids)))
         problem = problems[name]
         left.remove(name)
-        laid = _laid(problem.ids, problem.places, known)
-        if laid is None:
+        aligned = _alignment(problem.ids, problem.places, known)
+        if aligned is None:
             continue
-        problem.lay(*laid)
+        problem.transform(*aligned)
         problem.holds_origin = False
         known = {**dict(zip(problem.ids, problem.places, strict=True)), **known}
         joined.append(name)
     return joined
 
 
-def _laid(
+def _alignment(
     ids: Sequence[LandmarkId], places: FloatArray, known: Mapping[LandmarkId, FloatArray]
 ) -> tuple[float, FloatArray] | None:
     """Rotation (rad) and shift (m) onto known landmarks, on which most shared landmarks agree."""

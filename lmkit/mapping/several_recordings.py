@@ -21,7 +21,7 @@ from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_solver import JointSolver
 from lmkit.mapping.joint_survey import JointSurvey
 from lmkit.mapping.known_survey import solve_by_known
-from lmkit.mapping.recording_group import LoneSurvey, join_recordings
+from lmkit.mapping.recording_group import SingleSurvey, join_recordings
 from lmkit.mapping.survey import solve_recording, survey_of
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId, ids_text
@@ -70,7 +70,7 @@ def survey_recordings(
 
     Args:
         recordings: in any order; where their clocks overlap, from the earliest to the latest.
-        sizes_m, anchors, constraints: as of `survey_frames`.
+        sizes_m, anchors, constraints: see `survey_frames`.
         in_processes: survey single recordings in worker processes.
         keep_doubtful: as of `survey_frames`, by all recordings together.
 
@@ -107,7 +107,7 @@ def repeated_recordings(recordings: Sequence[NamedRecording]) -> dict[str, str]:
     return again
 
 
-def _survey_alone(known: _Beforehand, recording: NamedRecording) -> LoneSurvey | str:
+def _survey_alone(known: _Beforehand, recording: NamedRecording) -> SingleSurvey | str:
     return survey_alone(recording, known.sizes_m, known.anchors, known.constraints)
 
 
@@ -116,11 +116,11 @@ def survey_alone(
     sizes_m: Mapping[LandmarkId, float],
     anchors: Mapping[LandmarkId, Anchor],
     constraints: Sequence[LandmarkConstraint] = (),
-) -> LoneSurvey | str:
-    """Survey one recording, to be joined with others; or why it cannot be surveyed.
+) -> SingleSurvey | str:
+    """Survey of one recording, to be joined with others; or the reason why it cannot be surveyed.
 
     Args:
-        sizes_m, anchors, constraints: as of `survey_frames`.
+        sizes_m, anchors, constraints: see `survey_frames`.
     """
     seen = {o.id for frame in recording.frames for o in frame.detections}
     mine = {id_: anchor for id_, anchor in anchors.items() if id_ in seen}
@@ -132,39 +132,39 @@ def survey_alone(
         return str(error)
     known.solved.problem.forget_frames()
     survey = survey_of(known.solved, known.anchors, constraints)
-    return LoneSurvey(recording.name, rig, known.solved, survey, bool(mine), known.released)
+    return SingleSurvey(recording.name, rig, known.solved, survey, bool(mine), known.released)
 
 
 def join_surveys(
-    answers: Mapping[str, LoneSurvey | str],
+    answers: Mapping[str, SingleSurvey | str],
     anchors: Mapping[LandmarkId, Anchor],
     constraints: Sequence[LandmarkConstraint] = (),
     keep_doubtful: bool = False,
 ) -> JointSurvey:
-    """One map from recordings that were surveyed alone.
+    """One map from surveys of single recordings.
 
     Args:
-        answers: of `survey_alone`, by the recording's name, in the order of the recordings.
-        anchors, constraints, keep_doubtful: as of `survey_frames`.
+        answers: results of `survey_alone`, by the recording's name, in the order of the recordings.
+        anchors, constraints, keep_doubtful: see `survey_frames`.
 
     Raises:
         InputError: no recording could be surveyed, or none saw a known landmark.
     """
-    lone = [answer for answer in answers.values() if isinstance(answer, LoneSurvey)]
+    surveys = [answer for answer in answers.values() if isinstance(answer, SingleSurvey)]
     left_out = {name: answer for name, answer in answers.items() if isinstance(answer, str)}
-    if not lone:
+    if not surveys:
         name, reason = next(iter(left_out.items()))
         raise InputError(
             "nothing_surveyed", f"no recording can be surveyed; {name}: {reason}", "check each one alone"
         )
-    if anchors and not any(one.anchored for one in lone):
+    if anchors and not any(one.anchored for one in surveys):
         raise InputError(
             "nothing_known",
             f"no recording that can be surveyed saw a known landmark ({ids_text(sorted(anchors)[:NAMED])})",
             "give the map of this place, or leave out --known (known=)",
         )
     while True:
-        group = join_recordings(lone)
+        group = join_recordings(surveys)
         left_out |= group.left_out
         joint = JointSolver(group, anchors, constraints)
         joint.solve()
@@ -173,4 +173,4 @@ def join_surveys(
             return joint.results(left_out, keep_doubtful)
         joint.restore_anchors()
         left_out |= contradicted
-        lone = [one for one in group.lone if one.name not in contradicted]
+        surveys = [one for one in group.surveys if one.name not in contradicted]

@@ -231,7 +231,7 @@ def _lay_on_the_floor(problem: BundleProblem) -> None:
     R, p = problem.base_poses()
     up = R[:, :, 2].mean(axis=0)
     turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
-    problem.lay(turn, np.array([0.0, 0.0, -float(np.median(p @ turn[2]))]))
+    problem.transform(turn, np.array([0.0, 0.0, -float(np.median(p @ turn[2]))]))
 
 
 def _start_anchors(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anchor]:

@@ -14,7 +14,7 @@ from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.joint_adjustment import JointProblem, recording_information
 from lmkit.mapping.joint_solver import JointSolver
 from lmkit.mapping.observation_arrays import StoredObservations
-from lmkit.mapping.recording_group import LoneSurvey
+from lmkit.mapping.recording_group import SingleSurvey
 from lmkit.mapping.several_recordings import NamedRecording, join_surveys, survey_recordings
 from lmkit.mapping.survey import anchors_of, solve_recording
 from lmkit.model.landmark_map import LandmarkMap
@@ -88,7 +88,7 @@ def joint(solved):
         turn, _ = Rotation.align_vectors(*(x - x.mean(axis=0) for x in (np.array([T.t for T in mine]), problem.lm_p)))
         turn = turn.as_matrix()
         anchors, problem.anchors = problem.anchors, {}
-        problem.lay(turn, np.mean([T.t for T in mine], axis=0) - turn @ problem.lm_p.mean(axis=0))
+        problem.transform(turn, np.mean([T.t for T in mine], axis=0) - turn @ problem.lm_p.mean(axis=0))
         problem.anchors = anchors
     return JointProblem(problems, rows, R, p)
 
@@ -183,10 +183,10 @@ def test_many_landmarks_are_summed_sparsely_to_the_same_answer():
 
 
 def test_known_landmarks_that_no_recording_saw_are_refused():
-    lone = LoneSurvey("monday", None, None, None, anchored=False)
+    survey = SingleSurvey("monday", None, None, None, anchored=False)
     anchor = next(iter(ROOM)).id
     with pytest.raises(InputError, match=f"no recording .* saw a known landmark .*{anchor.code}"):
-        join_surveys({"monday": lone}, known())
+        join_surveys({"monday": survey}, known())
 
 
 @pytest.mark.slow
