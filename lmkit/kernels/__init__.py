@@ -1,1 +1,1 @@
-"""Compiled kernels: plain C beside the numpy expression that defines it (docs/decisions/0013-compiled-kernels.md)."""
+"""Compiled kernels: plain C, each defined by a numpy expression (docs/decisions/0013-compiled-kernels.md)."""

@@ -1,6 +1,6 @@
-"""Block tridiagonal matrices, as chains of states have them: Cholesky factor, substitution, and their borders.
+"""Block tridiagonal matrices of chains of states: Cholesky factor, substitution, and borders.
 
-A factor of N blocks of d rows is stored by rows, (N d, 2 d): row i from the first column of the block before its own.
+A factor of N blocks of d rows is stored by rows, (N d, 2 d): row i starts at the first column of the previous block.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def factor_chain_numpy(diagonal: Array, following: Array) -> Array:
 
 
 def forward_chain(factor: Array, right: Array) -> None:
-    """Replace ``right`` (N d,w) by the inverse of the factor on it, in place.
+    """Multiply ``right`` (N d,w) by the inverse of the factor, in place.
 
     Raises:
         ValueError: a shape or kind differs.
@@ -79,7 +79,7 @@ def forward_chain_numpy(factor: Array, right: Array) -> None:
 
 
 def backward_chain(factor: Array, right: Array) -> None:
-    """Replace ``right`` (N d,w) by the inverse of the transposed factor on it, in place.
+    """Multiply ``right`` (N d,w) by the inverse of the transposed factor, in place.
 
     Raises:
         ValueError: a shape or kind differs.
@@ -105,7 +105,7 @@ def backward_chain_numpy(factor: Array, right: Array) -> None:
 
 
 def used_columns(matrix: Array) -> NDArray[np.int64]:
-    """Columns of a matrix (n,m) with a number other than zero in them.
+    """Columns of a matrix (n,m) that are not all zero.
 
     Raises:
         ValueError: a shape differs.
@@ -185,7 +185,7 @@ def put_blocks_numpy(values: Array, states: NDArray[np.int64], places: NDArray[n
 
 @dataclass(frozen=True, eq=False)
 class Cuts:
-    """Normal equations of the states between which pieces of a chain are eliminated, and of what is shared.
+    """Normal equations of the cut states between eliminated pieces of a chain, and of the shared unknowns.
 
     All are contiguous arrays of 64-bit floats: diagonal (K,d,d), following (K-1,d,d), gradient (K,d), border (K,d,m),
     corner (m,m) and shared_gradient (m,).
@@ -214,7 +214,7 @@ class Cuts:
 
 
 def subtract_piece(product: Array, first: int, between: int, columns: NDArray[np.int64], cuts: Cuts) -> None:
-    """Subtract from the cuts, in place, what an eliminated piece says of them.
+    """Subtract the Schur complement of an eliminated piece from the equations of the cuts, in place.
 
     Args:
         product: (l d+c+1,l d+c+1) of the piece's border (l cuts, what is shared) and gradient with themselves.

@@ -1,7 +1,7 @@
-"""Every code of a family of cells against one square: what its black and white leave unexplained.
+"""Comparison of every code of a family of cells with one square: the unexplained rest with the best black and white.
 
-Black and white are free for every code and channel.  All codes are compared with the cells as they appear; those most
-like them are scored in full.
+Black and white are free for every code and channel.  All codes are compared with the apparent cells; the most
+similar codes are scored in full.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class CellCodes(NamedTuple):
     """The likeliest code.
 
     Attributes:
-        row: of the words.
-        left, next_left, plain_left: what it, the next likely one, and an inside of plain gray leave unexplained.
-        weight: of all values.
+        row: index in the words.
+        left, next_left, plain_left: unexplained rest of this code, of the second best, and of a plain gray inside.
+        weight: total weight of all values.
         inks: (2,3) white and black.
         cells: (K,) every cell on its own: 0 black, 1 white.
     """
@@ -60,7 +60,7 @@ def packed(white: NDArray[np.bool_]) -> Words:
 
 
 def cell_codes(words: Words, products: FloatArray) -> CellCodes | None:
-    """Score codes; None where white would be darker than black.
+    """Score codes; None if white would be darker than black.
 
     Args:
         words: (N,), see :func:`packed`.
@@ -111,7 +111,7 @@ def single_cells(products: FloatArray, inks: FloatArray) -> NDArray[np.float64]:
 
 
 def _without_surroundings(products: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Products of cells, border and margin with each other and with the values, whatever light the surroundings have;
+    """Products of cells, border and margin with each other and with the values, for any light of the surroundings;
     and the sum of squares of the values."""
     count = len(products) - 3
     gram, seen = products[:count, :count], products[:count, count:]
@@ -124,7 +124,7 @@ def _without_surroundings(products: FloatArray) -> tuple[FloatArray, FloatArray,
 def _left_numpy(
     white: FloatArray, G: FloatArray, S: FloatArray, energy: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(M,) what every row of (M,K) cells leaves unexplained, and (M,2,3) its white and black."""
+    """(M,) unexplained rest of every row of (M,K) cells, and (M,2,3) its white and black."""
     k = white.shape[1]
     is_white = np.column_stack([white, np.zeros(len(white)), np.ones(len(white))])
     is_black = np.column_stack([1 - white, np.ones(len(white)), np.zeros(len(white))])
@@ -150,7 +150,7 @@ def _cells_numpy(G: FloatArray, S: FloatArray, inks: FloatArray) -> NDArray[np.f
     k = len(G) - 2
     contrast, black = (inks[0] - inks[1]).mean(), inks[1].mean()
     light = S.mean(axis=1) - black * G.sum(axis=1)
-    # Border and margin have their inks; the cells explain the rest.
+    # Border and margin have known inks; the cells explain the rest.
     rest = light[:k] - contrast * G[:k, k + 1]
     ridge = RIDGE * np.trace(G[:k, :k]) / k
     solved = np.linalg.solve(G[:k, :k] + ridge * np.eye(k), rest / max(contrast, 1e-6) + 0.5 * ridge)

@@ -1,10 +1,10 @@
-"""Whether another code behind an object explains a landmark as well as the code that was read.
+"""Whether another code, partly hidden by an object, explains a landmark as well as the code that was read.
 
-An object before a landmark hides pixels whatever their color: an object of the ground's color over a ring is what a
-gap looks like.  It seldom ends there.  Both explanations are therefore compared with the object that suits them best:
+An object in front of a landmark hides pixels of any color: an object of the ground's color on a ring looks like a
+gap, but usually covers more.  Both explanations are therefore compared, each with its best object:
 the code that was read with an object or none, and any other code with one.  An object is a rectangle of cells of a
-grid, turned in steps of 15 deg; its pixels have one color, or any at a price, and say nothing about gaps.
-The kernel is a part of `lmkit_fit_covering`.
+grid, rotated in steps of 15 deg; its pixels have one color, or any colors at a cost, and are no evidence for gaps.
+The kernel is part of `lmkit_fit_covering`.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ GRIDS = 6
 
 
 class CoveringRules(NamedTuple):
-    """Figures of the search.
+    """Parameters of the search.
 
     Attributes:
         reach: half side of the grids, relative to that of the landmark.
-        price: of an object, chi2: few landmarks have one before them, and of many the best is taken.
+        price: cost of an object, chi2: objects are rare, and the best of many is used.
     """
 
     reach: float
@@ -34,7 +34,7 @@ class CoveringRules(NamedTuple):
 
 
 class Covering(NamedTuple):
-    """Chi2 by which a code explains the pixels better than any other code behind an object, and than any alone."""
+    """Chi2 by which a code explains the pixels better than any other code, with an object or without."""
 
     behind_object: float
     alone: float
@@ -53,7 +53,7 @@ def covering_numpy(
     occlusion: OcclusionRules,
     rules: CoveringRules,
 ) -> Covering:
-    """The code, with an object or none, against any other.
+    """The code, with or without an object, compared with all others.
 
     Args:
         points: (N,2) mm.

@@ -1,7 +1,7 @@
-"""How much too large each face seems, along its width and its height: the part of observations in the equations.
+"""Apparent enlargement of each face, along its width and its height: the terms of observations in the equations.
 
-Two numbers of each landmark, px (`mapping/face_swelling.py`): its corners stand so far outside their places, in all
-images of a recording alike.
+Two numbers per landmark, px (`mapping/face_swelling.py`): displacement of its corners outward from their places,
+equal in all images of a recording.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ class FaceSums:
     def zeros(
         cls, place: NDArray[np.int64], camera: NDArray[np.int64] | None, blocks: int, landmarks: int, unknown: int
     ) -> FaceSums:
-        """Nothing known yet, of so many blocks, landmarks and unknown cameras."""
+        """Equations without information, for numbers of blocks, landmarks and unknown cameras."""
         shapes = ((blocks, 6), (landmarks, 6), (landmarks, unknown, 6), (landmarks, SIZE), (landmarks,))
         return cls(place, camera if unknown else None, *(np.zeros((*shape, SIZE)) for shape in shapes))
 
     def struct(self) -> FaceStruct:
-        """Addresses of the arrays; hold them while the kernel runs."""
+        """Addresses of the arrays; keep the arrays alive while the kernel runs."""
         arrays = addresses(self.place, self.camera, *(getattr(self, name) for name in _SUMS))
         return FaceStruct(self.cameras.shape[1], *arrays)
 
@@ -86,7 +86,7 @@ class FaceSums:
 
 
 def outward(bundle: Bundle) -> Array:
-    """(S,8,2) how the rays of corners change if they stand 1 px farther out along the face's width and height."""
+    """(S,8,2) change of the corners' rays by a displacement of 1 px outward along the face's width and height."""
     kernels = _kernels()
     if kernels is None:
         return outward_numpy(bundle)
@@ -101,24 +101,24 @@ def outward_numpy(bundle: Bundle) -> Array:
 
 
 def _outward(rays: Array, by_ray: Array) -> Array:
-    """(S,8,2) `outward` on the way between corners at ``rays`` (S,4,2)."""
+    """(S,8,2) `outward` along the directions between corners at ``rays`` (S,4,2)."""
     a, b, c, d = (by_ray[..., i, j] for i in (0, 1) for j in (0, 1))
     x, y = rays[..., 0], rays[..., 1]
     pixels = np.stack([a * x + b * y, c * x + d * y], axis=-1)
     determinant = a * d - b * c
     shifts = np.empty((len(x), 4, 2, SIZE))
-    # Corners start at the top left and run with the clock.
+    # Corners start at the top left and run clockwise.
     for k, signs in enumerate(((-1, 1, 1, -1), (-1, -1, 1, 1))):
         way = np.tensordot(np.array(signs, dtype=float), pixels, axes=(0, 1))
         u, v = (way / np.sqrt((way**2).sum(axis=1, keepdims=True))).T[:, :, None] * np.array(signs, dtype=float)
         shifts[..., 0, k] = (d * u - b * v) / determinant
         shifts[..., 1, k] = (a * v - c * u) / determinant
-    # A face without width or height has no outside.
+    # A face without width or height has no outward direction.
     return np.nan_to_num(shifts.reshape(-1, 8, SIZE), posinf=0.0, neginf=0.0)
 
 
 def add_face_equations(bundle: Bundle, weights: Array, faces: FaceSums) -> None:
-    """Add what observations say of the faces to ``faces``, in place.
+    """Add the terms of observations to ``faces``, in place.
 
     Args:
         weights: (S,) of the observations; those of weight zero do not count.
@@ -138,9 +138,9 @@ def add_face_equations(bundle: Bundle, weights: Array, faces: FaceSums) -> None:
 def add_face_equations_numpy(bundle: Bundle, weights: Array, faces: FaceSums) -> None:
     """Definition of :func:`add_face_equations`."""
     errors, by_pose, by_landmark = derivatives(bundle)
-    # The way between observed corners turns with their errors, which would pull outward with no swelling at all.
+    # Expected corners: directions between observed ones have errors correlated with theirs, which look like swelling.
     shifts = _outward(bundle.rays - errors.reshape(-1, 4, 2), bundle.by_ray)
-    # Those that do not count may be beyond all measure.
+    # Unused observations may have extreme values.
     G = np.where((weights > 0)[:, None, None], bundle.whitener @ shifts, 0.0)
     weighed = G.transpose(0, 2, 1) * weights[:, None, None]
     by_ray = weighed @ bundle.whitener
@@ -150,7 +150,7 @@ def add_face_equations_numpy(bundle: Bundle, weights: Array, faces: FaceSums) ->
     np.add.at(faces.corner, bundle.of, weighed @ G)
     np.add.at(faces.gradient, bundle.of, (by_ray @ errors[..., None])[..., 0])
     if faces.camera is not None:
-        # A camera that has moved in the rig sees what it would see had the rig moved the other way.
+        # A motion of a camera in the rig is equivalent to the opposite motion of the rig.
         turned = (bundle.R_camera[bundle.mount] @ bundle.R[bundle.at].transpose(0, 2, 1))[:, None]
         on_cameras = -(turned @ pulls.reshape(-1, 2, 3, SIZE)).reshape(-1, 6, SIZE)
         moved = faces.camera > 0

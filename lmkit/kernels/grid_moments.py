@@ -16,7 +16,7 @@ from lmkit.kernels.registration import Samples
 
 FloatArray = NDArray[np.floating[Any]]
 
-LANES = 16  # of the compiled code; its scratch is aligned to so many floats
+LANES = 16  # of the compiled code; its scratch is aligned to this number of floats
 OTHERS = 3  # border, margin, surroundings
 
 
@@ -26,7 +26,7 @@ def grid_moments(
     """(K+6,K+6) products, weighted by the samples: K cells inside, border, margin, surroundings, three values.
 
     Args:
-        drawing: its darkness does not matter.
+        drawing: the drawing; its darkness is not used.
         border: width of the border, cells.
     """
     kernel = _kernel()

@@ -28,10 +28,10 @@ class _Grid(NamedTuple):
 
 
 class GridDrawing(_Grid):
-    """A square of cells, each black by some share, on white paper.
+    """A square of cells with darkness 0 to 1 on white paper.
 
     Attributes:
-        paper: half side of the white paper, mm; the surroundings begin there.
+        paper: half side of the white paper, mm; outside are the surroundings.
         half: half side of the grid, mm.
         darkness: (n,n) 1 for black cells, 0 for white ones, row by row from the top left.
     """
@@ -59,7 +59,7 @@ class GridDrawing(_Grid):
 
     @cached_property
     def flat(self) -> Float32Array:
-        """All of it in the order of `pattern.h`."""
+        """The data in the order of `pattern.h`."""
         n = len(self.darkness)
         flat = np.empty(6 + (n + 1) ** 2, np.float32)
         flat[:6] = -n, 0, 0, self.paper, self.half, 0
@@ -70,9 +70,9 @@ class GridDrawing(_Grid):
 def jets_numpy(
     drawing: Drawing | GridDrawing, points: FloatArray, spread: FloatArray, mask: int, quarter: int, slopes: bool
 ) -> Float32Array:
-    """(1 or 6,4,N) coverage by the four inks of either kind of drawing, and its slopes.
+    """(1 or 6,4,N) coverage by the four inks of both kinds of drawing, and its slopes.
 
-    A grid has white, nothing, black and surroundings, whatever mask and quarter turn; for the rest see
+    A grid has white, nothing, black and surroundings, independent of mask and quarter turn; for the rest see
     :func:`lmkit.kernels.pattern.ink_jets_numpy`.
     """
     if isinstance(drawing, Drawing):

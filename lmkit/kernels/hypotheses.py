@@ -1,4 +1,4 @@
-"""Decoding of a registered pattern: every code in every quarter turn, each with its own best inks.
+"""Decoding of a registered pattern: every code in every quarter turn, each with its best inks.
 
 The image of a landmark is linear in its inks.  A hypothesis h = (quarter turn, code) only says which columns of the
 coverage C are white and which are blue, so its design is C M_h with a matrix M_h of zeros and ones, and its residual
@@ -55,12 +55,12 @@ class Words(NamedTuple):
 
 
 class DecodingRules(NamedTuple):
-    """Figures of the decoding.
+    """Parameters of the decoding.
 
     Attributes:
         ridge: of the inks, relative.
         parts_ridge: of the parts, relative.
-        occlusion: of the search for what stands before a landmark.
+        occlusion: parameters of the search for an object in front of a landmark.
     """
 
     ridge: float
@@ -69,7 +69,7 @@ class DecodingRules(NamedTuple):
 
     @property
     def flat(self) -> tuple[float, ...]:
-        """All figures, as the kernels take them."""
+        """All parameters, in the order of the kernels."""
         return self.ridge, self.parts_ridge, *self.occlusion
 
 
@@ -78,10 +78,10 @@ class Decoded(NamedTuple):
 
     Attributes:
         turn, code: quarter turn and number of the code.
-        left: weighted energy that it leaves unexplained; ``left_by_code``, ``left_by_turn``, ``left_by_frame``: what
-            another code in the same turn leaves, any code in another turn, a framed square without rings.
+        left: unexplained weighted energy; ``left_by_code``, ``left_by_turn``, ``left_by_frame``: the same for
+            the best other code in the same turn, the best code in another turn, and a framed square without rings.
         inks: (4,3) linear-light BGR of white, red, blue, surroundings.
-        evidence: the least chi2 that speaks for the code against another one in the same turn, no pixel counting for
+        evidence: least chi2 in favor of the code, compared with others in the same turn; no pixel counts for
             more than a limit.
         foreign: the chi2 by which a rectangle, in one color or in any, explains the pixels better than the landmark.
         parts, parts_sigma: (2+G,) brightness of triangle, fixed stretches of the rings and every gap, each fitted on
@@ -104,7 +104,7 @@ class Decoded(NamedTuple):
 def decode(
     drawing: Drawing, words: Words, view: View, samples: Samples, state: FloatArray, rules: DecodingRules
 ) -> Decoded | None:
-    """The likeliest code and quarter turn; None where the pixels do not determine the inks."""
+    """The likeliest code and quarter turn; None if the pixels do not determine the inks."""
     kernel = _kernel()
     if kernel is None:
         return decode_numpy(drawing, words, view, samples, state, rules)

@@ -1,8 +1,8 @@
 """Normal equations of rig poses and landmark poses from all observations of a recording (bundle adjustment).
 
-Unknowns are those of a chain with a border (`optim/block_chain.py`): six numbers a rig pose, and, shared, six a
-landmark; each a shift and a turn about the map's axes.  Cameras of the rig may be unknown, too: six numbers each, a
-shift and a turn in its own frame.  Observations are weighed down by Cauchy's loss.
+Unknowns are those of a chain with a border (`optim/block_chain.py`): six numbers per rig pose, and, shared, six per
+landmark; each a shift and a rotation about the map's axes.  Cameras of the rig may also be unknown: six numbers each,
+a shift and a rotation in its own frame.  Observations are down-weighted by Cauchy's loss.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class SumsStruct(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """S observations of L landmarks from N rig poses, and where all stand.
+    """S observations of L landmarks from N rig poses, and all poses.
 
     Attributes:
         at, of, mount: (S,) rig poses, landmarks and mounted cameras, by number.
@@ -108,10 +108,10 @@ class Sums:
         border: (N,6,own) between rig poses and the shared unknowns before the landmarks.
         blocks: (B,6,6) between rig poses and landmarks, those that there are.
         corner, shared_gradient: (m,m), (m,) of the shared unknowns; landmark k has those from own + 6 k.
-        own: the first of the landmarks.
+        own: first shared unknown of the landmarks.
         place: (S,) block of every observation; None: landmarks do not move.
         camera: (S,) number of its camera; None: the cameras are where the rig has them.
-        cameras: the first shared unknown of camera 1; camera 0 has none.
+        cameras: first shared unknown of camera 1; camera 0 has none.
     """
 
     diagonal: Array
@@ -126,7 +126,7 @@ class Sums:
     cameras: int = 0
 
     def struct(self) -> SumsStruct:
-        """Addresses of the arrays; hold them while the kernel runs."""
+        """Addresses of the arrays; keep the arrays alive while the kernel runs."""
         arrays = addresses(self.place, self.camera, *(getattr(self, name) for name in _SUMS))
         return SumsStruct(len(self.shared_gradient), self.own, self.cameras, *arrays)
 
@@ -171,7 +171,7 @@ def bundle_chi2_numpy(bundle: Bundle) -> tuple[Array, Array]:
 def add_bundle_equations(
     bundle: Bundle, used: NDArray[np.bool_], cauchy: float, sums: Sums, noise: float = 1.0
 ) -> float:
-    """Add normal equations of the observations used (S,) to ``sums``, in place; their cost.
+    """Add normal equations of the used observations (S,) to ``sums``, in place; returns their cost.
 
     Args:
         cauchy: standard deviations at which the loss halves its weight, of the root mean square of eight coordinates.
@@ -211,7 +211,7 @@ def add_bundle_equations_numpy(
         shared.append((K, columns))
     if sums.camera is not None:
         R = bundle.R_camera[bundle.mount[used]] @ bundle.R[at].transpose(0, 2, 1)
-        # A camera that has moved in the rig sees what it would see had the rig moved the other way.
+        # A motion of a camera in the rig is equivalent to the opposite motion of the rig.
         back = -R.transpose(0, 2, 1) * (sums.camera[used] > 0)[:, None, None]
         C = np.concatenate([J[..., :3] @ back, J[..., 3:] @ back], axis=2)
         columns = sums.cameras + 6 * np.maximum(sums.camera[used] - 1, 0)[:, None] + np.arange(6)
@@ -232,7 +232,7 @@ def whitened_errors(bundle: Bundle) -> Array:
 
 
 def errors_of_rays(bundle: Bundle) -> Array:
-    """(S,8) observed rays less expected ones; the same large number everywhere for what lies behind a camera."""
+    """(S,8) observed minus expected rays; a large constant for corners behind a camera."""
     return _ray_errors(bundle)[0]
 
 

@@ -1,6 +1,6 @@
-"""The whole fit of one landmark in one call: sampled, decoded, registered, until the code stands.
+"""The complete fit of one landmark in one call: sampling, decoding and registration, until the code is stable.
 
-`lmkit.detection.register_and_decode` holds the definition, step by step, with the kernels that this one calls.
+`lmkit.detection.register_and_decode` has the definition, step by step, with the kernels that this kernel calls.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from lmkit.kernels.workspace import Workspace
 FloatArray = NDArray[np.floating[Any]]
 
 READ, FINISH = 1, 2  # phases
-NORMAL = 3  # its place in the results
+NORMAL = 3  # index of the normal matrix in the results
 
 
 class Promising(NamedTuple):
-    """Least margins and colors of a decoding that is worth registering."""
+    """Least margins and colors of a decoding for a registration."""
 
     correlated_pixels: float
     turn_margin: float
@@ -41,9 +41,9 @@ class Promising(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """Least margins of a decoding that stands, for the last steps to be worth it; where no shadow is taken out.
+    """Least margins of a stable decoding for the last steps, without shadow normalization.
 
-    A turn margin over ``clear`` is enough by itself.
+    A turn margin over ``clear`` is sufficient alone.
     """
 
     code_margin: float
@@ -52,7 +52,7 @@ class Settled(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Blur where a fit begins: at least so many px, or this share of the side, which counts up to so many px."""
+    """Initial blur of a fit: at least a number of px, or a share of the side up to a largest number of px."""
 
     least_blur: float
     blur_share: float
@@ -60,14 +60,14 @@ class Start(NamedTuple):
 
 
 class CornerErrors(NamedTuple):
-    """Errors of corners that residuals do not show, px.
+    """Errors of corners, px, that are not in the residuals.
 
     Attributes:
-        least: of every coordinate, whatever residuals say.
-        few_edges: side at which few edges count as much as all else.
-        mosaic: period of the color mosaic.
-        growth, full: factor of the variance, and the scatter from which on it is that; below, it is in proportion.
-        stretch: of width and height, as a share of the scatter.
+        least: least error of every coordinate, for any residuals.
+        few_edges: side at which the error from few edges equals the others.
+        mosaic: period of the color mosaic, px.
+        growth, full: factor of the variance, and the scatter with the full factor; below, the factor is proportional.
+        stretch: error of width and height, as a share of the scatter.
     """
 
     least: float
@@ -79,12 +79,13 @@ class CornerErrors(NamedTuple):
 
 
 class RivalRules(NamedTuple):
-    """How rivals of a reading are fitted.
+    """Parameters for the fit of rivals of a reading.
 
     Attributes:
-        rivals: so many.
-        most, to_px, negligible: steps of a fit, and the move and the fall of chi2 at which it ends.
-        hopeless, by_error: rivals with a margin over this and over so many times the reading's error are left out.
+        rivals: number of rivals.
+        most, to_px, negligible: most steps of a fit, and the motion and the decrease of chi2 at which it ends.
+        hopeless, by_error: rivals are skipped if their margin is over ``hopeless`` and over this multiple of the
+            reading's error.
     """
 
     rivals: int
@@ -96,7 +97,7 @@ class RivalRules(NamedTuple):
 
 
 class Rivals(NamedTuple):
-    """Errors per value of a reading and of its best rival, over so many pixels; None where no rival came close."""
+    """Errors per value of a reading and of its best rival, and the number of pixels; None without a close rival."""
 
     pixels: int
     error: float
@@ -104,18 +105,18 @@ class Rivals(NamedTuple):
 
 
 class FitRules(NamedTuple):
-    """How a landmark is fitted.
+    """Parameters for the fit of a landmark.
 
     Attributes:
-        reach, paper: half sides of the square that pixels are taken from and of what is surely paper, mm.
+        reach, paper: half sides of the sampled square, and of the square that is certainly paper, mm.
         band: distance from an edge within which a pixel is near it, px, times the side of the face, mm.
-        near_share: share of pixels near edges in the end; at first they are thinned evenly.
-        least_pixels: fewer are not read.
-        coarse_pixels, pixels: at first, and in the end.
-        read_rounds: how often the code may change.
-        coarse, fine: registration at first, and in the end.
-        channel_weights: of blue, green and red in the end: values are times these.
-        mosaic: how values that a color mosaic lacks are weighed in the end.
+        near_share: share of pixels near edges in the last steps; at first they are thinned evenly.
+        least_pixels: least number of pixels for a reading.
+        coarse_pixels, pixels: number of pixels at first, and in the last steps.
+        read_rounds: largest number of changes of the code.
+        coarse, fine: registration at first, and in the last steps.
+        channel_weights: factors of blue, green and red values in the last steps.
+        mosaic: weights of values interpolated from a color mosaic, in the last steps.
     """
 
     reach: float
@@ -147,8 +148,8 @@ class Fitted(NamedTuple):
         state: (15,) where it ended.
         pixels: number of them.
         error: per value; ``normal``: (15,15) J'WJ; both of the last registration.
-        plain, robust: decodings with the pixels' own weights and with what does not fit down-weighted, without its
-            parts; None where the pixels do not determine the inks.
+        plain, robust: decodings with the pixels' own weights, and with outliers down-weighted, without their
+            parts; None if the pixels do not determine the inks.
         corners: (4,2) in the image, distortion and all; ``covariance``: (8,8) px^2.  Both once all pixels are used.
     """
 
@@ -194,10 +195,10 @@ class _Fit(ctypes.Structure):
 
 
 class FitTask:
-    """How landmarks of one drawing are fitted, whatever the image; packed once.
+    """Parameters for landmarks of one drawing, independent of the image; packed once.
 
     Attributes:
-        rules: how.
+        rules: parameters of the fit.
         masks: open gaps of all codes.
     """
 
@@ -205,7 +206,7 @@ class FitTask:
         self.rules, self.masks = rules, words.masks
         known = np.array([*edges.squares, *edges.circles], np.float32)
         gaps = len(drawing.gaps)
-        self._arrays = (drawing.flat, known, words.masks)  # their addresses stay good as long as they are held
+        self._arrays = (drawing.flat, known, words.masks)  # kept alive, so that their addresses stay valid
         self.packed = _Fit(
             *[0] * 2,
             *[None] * 5,
@@ -254,11 +255,11 @@ class LandmarkFit:
         phases: int = READ | FINISH,
         so_far: Fitted | None = None,
     ) -> Fitted | None:
-        """Fit from a (15,) state on; None where no landmark is, or too little of it.
+        """Fit from a (15,) state; None without a landmark, or with too little of it.
 
         Args:
-            phases: ``READ`` until the code stands, ``FINISH`` with all pixels, or both.
-            so_far: what ``READ`` left, where only ``FINISH`` is wanted.
+            phases: ``READ`` until the code is stable, ``FINISH`` with all pixels, or both.
+            so_far: result of ``READ``, for ``FINISH`` alone.
         """
         kernel = _kernel()
         assert kernel is not None
@@ -274,11 +275,11 @@ class LandmarkFit:
         return None if status else self._fitted(moved, out)
 
     def run_all(self, view: FloatArray, quads: FloatArray, distortion_side: float) -> list[Fitted]:
-        """Fit from every square of (N,4,2) on; those where no landmark is are left out.
+        """Fits from all squares (N,4,2); squares without a landmark are omitted.
 
         Args:
-            view: the flat `View` of the image; its origin does not matter.
-            distortion_side: squares of a larger side also fit the distortion.
+            view: the flat `View` of the image; its origin is not used.
+            distortion_side: for squares with a larger side, the distortion is also fitted.
         """
         kernel = _all_kernel()
         assert kernel is not None
@@ -291,7 +292,7 @@ class LandmarkFit:
         return [self._fitted(row[1 : 1 + STATE], row[1 + STATE :]) for row, is_fitted in fitted if is_fitted]
 
     def run_rivals(self, view: View, state: FloatArray, turn: int, code: int, rules: RivalRules) -> Rivals | None:
-        """The reading of a turn and a code, and its rivals, from a (15,) state on; None where too little is there."""
+        """The reading of a quarter turn and a code, and its rivals, from a (15,) state; None with too few pixels."""
         kernel = _rivals_kernel()
         assert kernel is not None
         masks, moved = self._kept[0].masks.copy(), np.array(state, dtype=np.float64)
@@ -305,7 +306,7 @@ class LandmarkFit:
     def run_covering(
         self, view: View, state: FloatArray, turn: int, code: int, rules: CoveringRules
     ) -> Covering | None:
-        """The reading of a turn and a code, at a (15,) state, against others behind an object; None as above."""
+        """The reading of a turn and a code, at a (15,) state, compared with others behind an object; else None."""
         kernel = _covering_kernel()
         assert kernel is not None
         state, results, out = np.array(state, dtype=np.float64), np.empty(HEAD), np.empty(2)
@@ -328,7 +329,7 @@ WORKSPACE = Workspace()
 
 
 def is_compiled() -> bool:
-    """True where the kernel is there; without it, callers take the steps one by one."""
+    """Whether the kernel is available; without it, callers run the steps one by one."""
     return _kernel() is not None
 
 

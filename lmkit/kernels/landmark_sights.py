@@ -91,7 +91,7 @@ class Pairs:
 def faced_landmarks(
     R: Array, p: Array, centers: Array, normals: Array, reach: Array, limits: tuple[float, float, float]
 ) -> NDArray[np.bool_]:
-    """(H,L) True where a landmark is near enough, faces the camera and lies before it.
+    """(H,L) True if a landmark is near enough, faces the camera and is in front of it.
 
     Args:
         R, p: (H,3,3), (H,3) T_map_camera.
@@ -126,7 +126,7 @@ def faced_landmarks_numpy(
 
 
 def seen_sides(camera: Camera, pairs: Pairs) -> Array:
-    """(N,) mean side in pixels; 0 where not all corners are in the image."""
+    """(N,) mean side in pixels; 0 unless all corners are in the image."""
     kernels = _kernels()
     if kernels is None:
         return seen_sides_numpy(camera, pairs)
@@ -145,7 +145,7 @@ def seen_sides_numpy(camera: Camera, pairs: Pairs) -> Array:
 def add_information(camera: Camera, pairs: Pairs, weights: Array, information: Array) -> None:
     """Add J' J times ``weights`` (N,) to ``information`` (N,6,6), in place, for pairs with all corners in the image.
 
-    J are derivatives of the corners' pixels with a shift and a turn of the rig about the map's axes.
+    J are derivatives of the corners' pixels by a shift and a rotation of the rig about the map's axes.
 
     Raises:
         ValueError: a shape or kind differs.

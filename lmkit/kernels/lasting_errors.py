@@ -1,4 +1,4 @@
-"""Errors that images share, through an update of a filter's state: how far they move it, and what it keeps of them.
+"""Errors common to several images in an update of a filter's state: effect on the state, and propagation.
 
 `tracking/lasting_errors.py` derives the formulas.
 """
@@ -25,7 +25,7 @@ MOST = 12  # states
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """Account of the errors that images share, for N states.
+    """Record of the errors common to images, for N states.
 
     Attributes:
         excess: (N,N) to be added to the covariance of the states.
@@ -43,7 +43,7 @@ class Shared:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """An image, and which earlier ones its observations share errors with.
+    """An image, and the earlier images that share errors with its observations.
 
     Attributes:
         numbers: (S,) which of the L places each observation's landmark has; -1 where it is certain.
@@ -71,21 +71,22 @@ def lasting_errors(
     per_px: tuple[float, float],
     before: Shared,
 ) -> Shared:
-    """The account after an update of N states with an image.
+    """The record after an update of N states with an image.
 
     Args:
         R, p: (3,3), (3,) the pose T_map_rig after the update.
         used: (S,) the observations that count.
         left: (N,N) share of the error before that is left.
         by_pull: (N,6) derivatives of the states with pulls on the pose.
-        per_px: logarithm of what is left of the detector's and of the lens's errors per pixel that corners move.
+        per_px: logarithm of the remaining share of the detector's and of the lens's errors per pixel of corner
+            motion.
 
     Returns:
         As many corners as observations, all zero where they are not used.
 
     Raises:
         ValueError: a shape differs, a number is out of range, or more than 12 states.
-        numpy.linalg.LinAlgError: something is not a number.
+        numpy.linalg.LinAlgError: a value is not a number.
     """
     S, N = len(corners), len(left)
     if N > MOST:
@@ -129,7 +130,7 @@ def lasting_errors_numpy(
     excess = left @ before.excess @ left.T
     places = np.zeros((image.places, N, 6))
     places[: len(before.places)] = left @ before.places
-    # The place of a landmark counts once, however many cameras see it.
+    # The position of a landmark counts once for all cameras.
     counted = np.flatnonzero(used & (image.numbers >= 0))
     numbers, first = np.unique(image.numbers[counted], return_index=True)
     D = by_pull @ pulls[counted[first]]
@@ -149,16 +150,16 @@ def lasting_errors_numpy(
 
 
 def _in_common(X: Array, D: Array) -> Array:
-    """(N,N) of what errors have in common with the states before (K,N,E), and move them by (K,N,E)."""
+    """(N,N) sum of X D' + D X': cross covariances X (K,N,E) of states and errors, effects D (K,N,E) of errors."""
     shared = np.einsum("kie,kje->ij", X, D)
     return np.asarray(shared + shared.T)
 
 
 def error_pulls(corners: Corners, R: Array, p: Array, used: Flags) -> tuple[Array, Array]:
-    """Pulls of errors on a pose R (3,3), p (3,): H'W by what they do to the whitened corners, in standard deviations.
+    """Effect of errors on a pose R (3,3), p (3,): H'W times their effect on whitened corners, in standard deviations.
 
     H and K are the derivatives of whitened corners with the pose and with the landmark's error; W is the weight that
-    corners keep once that error is eliminated, (1 + K K')^-1, so that H'W K = H'K (1 + K'K)^-1.
+    corners after elimination of this error, (1 + K K')^-1, so that H'W K = H'K (1 + K'K)^-1.
 
     Returns:
         (S,6,6) of the error of each observation's landmark, the same for all observations of it, zero where it is

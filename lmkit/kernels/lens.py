@@ -1,7 +1,7 @@
 """Landmark corners through a lens: rays without distortion, derivatives of pixels, and whitening of errors.
 
 Lens models are OpenCV's: ``rational`` with up to 14 coefficients (pinhole is its special case) and ``fisheye``
-(equidistant).  The way back leads where OpenCV's does: a fixed-point iteration, and Newton's method once it is near;
+(equidistant).  The inverse agrees with OpenCV's: a fixed-point iteration, and Newton's method near the solution;
 Newton's method alone for fisheye lenses.
 """
 
@@ -22,8 +22,8 @@ from lmkit.kernels.load import address, contiguous, function
 Array = NDArray[np.floating[Any]]
 
 ITERATIONS, PRECISION = 100, 1e-12
-NEAR_PX = 1.0  # Newton's method from there on
-UNREACHED = -1e6  # ray of a pixel that no angle leads to
+NEAR_PX = 1.0  # Newton's method from this error on
+UNREACHED = -1e6  # ray of a pixel outside the range of the lens model
 
 
 class _LensStruct(ctypes.Structure):
@@ -38,7 +38,7 @@ class _LensStruct(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A camera as the kernels take it.
+    """A camera in the form for kernels.
 
     Attributes:
         K: (3,3) camera matrix; its skew is ignored, as in OpenCV.
@@ -73,10 +73,10 @@ def corners_through_lens(
     Args:
         covariance: (N,8,8) of the corners, pixels squared, or None.
         floor_px: standard deviation added to each coordinate.
-        reached_px: how well a ray must lead back to its pixel.
+        reached_px: largest reprojection error of a ray.
 
     Returns:
-        Rays x/z, y/z (N,4,2), derivatives of pixels with them (N,4,2,2), (N,8,8) from errors of rays to standard
+        Rays x/z, y/z (N,4,2), derivatives of pixels by rays (N,4,2,2), (N,8,8) from errors of rays to standard
         deviations, and (N,) whether the lens model reaches all four corners.
 
     Raises:
@@ -94,10 +94,10 @@ def corners_through_lenses(
     floor_px: float,
     reached_px: float,
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Rays of corners in the images of several cameras, as of :func:`corners_through_lens`.
+    """Rays of corners in the images of several cameras; see :func:`corners_through_lens`.
 
     Args:
-        counts: how many of the N landmarks each camera sees; those of the first come first.
+        counts: number of the N landmarks of each camera; those of the first camera come first.
 
     Raises:
         ValueError: a shape differs.
@@ -198,7 +198,7 @@ def _project_fisheye(lens: Lens, rays: Array) -> tuple[Array, Array]:
 
 
 def _equidistant(k: Array, theta: Array) -> tuple[Array, Array]:
-    """How far from the axis an angle is seen, and the derivative."""
+    """Image radius of an angle from the axis, and the derivative."""
     t2 = theta * theta
     distorted = theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
     return distorted, 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
@@ -225,7 +225,7 @@ def _unproject_rational(lens: Lens, pixels: Array) -> Array:
         back[stepping] = 1.0
         now, by_ray = _project_rational(lens, moved)
         off = np.linalg.norm(now - pixels, axis=1)
-        # A step that leads no nearer is not taken, and none follows it.
+        # A step that does not reduce the error is not used, and ends the iteration.
         nearing &= ~stepping | (off < error)
         taken = running & (~stepping | nearing)
         rays = np.where(taken[:, None], moved, rays)
@@ -238,7 +238,7 @@ def _unproject_rational(lens: Lens, pixels: Array) -> Array:
 
 
 def _newton(J: Array, off: Array) -> Array:
-    """Steps (N,2) that take off errors (N,2) by their derivatives (N,2,2)."""
+    """Steps (N,2) that cancel errors (N,2) with derivatives (N,2,2)."""
     (a, b), (c, d) = J.transpose(1, 2, 0)
     u, v = off.T
     return np.asarray(np.stack([d * u - b * v, a * v - c * u], axis=1) / (a * d - b * c)[:, None])
@@ -265,7 +265,7 @@ def _matrices(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 
 def _tilt(x: float, y: float) -> Array:
-    """(3,3) of a sensor tilted about two axes (Scheimpflug), as OpenCV has it."""
+    """(3,3) of a sensor tilted about two axes (Scheimpflug), as in OpenCV."""
     (cx, sx), (cy, sy) = (np.cos(x), np.sin(x)), (np.cos(y), np.sin(y))
     R = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
     return np.asarray(np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]]) @ R)

@@ -18,7 +18,7 @@ Flags = NDArray[np.bool_]
 def clear_lines(
     free: Flags, cell_m: float, origin: tuple[float, float], near_m: float, start: Array, end: Array
 ) -> Flags:
-    """(N,) True where the line from ``start`` (N,2) to ``near_m`` before ``end`` (N,2) runs through free cells.
+    """(N,) True if the line from ``start`` (N,2) to ``near_m`` before ``end`` (N,2) is in free cells only.
 
     Args:
         free: (rows, columns), row 0 at the lowest y; outside nothing is free.

@@ -27,12 +27,12 @@ REBUILD = "install a C compiler or `pip install ziglang`, then run `python -m lm
 
 @dataclass(frozen=True)
 class Loaded:
-    """The library in use.
+    """The loaded library.
 
     Attributes:
-        library: None where numpy computes.
+        library: None if numpy computes.
         variant: its name; ``numpy`` without a library.
-        reason: why there is none, in a few words.
+        reason: reason why there is none, in a few words.
     """
 
     library: ctypes.CDLL | None
@@ -42,7 +42,7 @@ class Loaded:
 
 @lru_cache(maxsize=1)
 def loaded() -> Loaded:
-    """The library for this processor, loaded once a process.
+    """The library for this processor, loaded once per process.
 
     Raises:
         ImportError: ``LMKIT_KERNELS`` names a variant that is not here or does not run on this processor.
@@ -59,12 +59,12 @@ def loaded() -> Loaded:
 
 
 def library() -> ctypes.CDLL | None:
-    """The library for this processor; None where numpy computes."""
+    """The library for this processor; None if numpy computes."""
     return loaded().library
 
 
 def function(name: str, *argument_types: Any) -> Callable[..., int] | None:
-    """A kernel by its C name, which returns its status; None where numpy computes."""
+    """A kernel by its C name, which returns its status; None if numpy computes."""
     found = library()
     if found is None:
         return None
@@ -77,7 +77,7 @@ _begin = (ctypes.c_char * 0).from_buffer
 
 
 def address(array: NDArray[Any]) -> int:
-    """Address of a contiguous array's data; hold the array while the kernel runs."""
+    """Address of a contiguous array's data; keep the array alive while the kernel runs."""
     try:
         # Four times as fast as array.ctypes.
         return ctypes.addressof(_begin(array))  # type: ignore[arg-type]
@@ -91,7 +91,7 @@ def addresses(*arrays: NDArray[Any] | None) -> list[int | None]:
 
 
 def contiguous(array: Any, shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
-    """The array as a kernel takes it: contiguous, of this dtype; -1 in ``shape`` means any length.
+    """The array in the form for a kernel: contiguous, of this dtype; -1 in ``shape`` means any length.
 
     Raises:
         ValueError: the shape differs.
@@ -147,7 +147,7 @@ def _open(path: Path, variant: str) -> Loaded:
 
 
 def _why_none() -> str:
-    """Why no library fits; an outdated or missing one is reported aloud, since slow looks like working."""
+    """Reason why no library fits; an outdated or missing one gives a warning, since slow results look normal."""
     if any(HERE.glob("_kernels-*-*.*")):
         reason = f"the compiled kernels are older than their sources; {REBUILD}"
         warnings.warn(reason, RuntimeWarning, stacklevel=2)
@@ -158,6 +158,6 @@ def _why_none() -> str:
         logged = ""
     reason = f"{logged or 'no library was built'}; {REBUILD}"
     if not logged:
-        # A checkout that was cleaned: installers do not notice that what they built is gone.
+        # A cleaned checkout: installers do not notice that the built libraries are gone.
         warnings.warn(f"no compiled kernels, numpy is many times slower: {reason}", RuntimeWarning, stacklevel=2)
     return reason

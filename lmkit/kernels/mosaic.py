@@ -1,7 +1,7 @@
-"""Which colors of a mosaic the pixels of one landmark saw, from what its fit leaves: the definition of `mosaic.h`.
+"""Measured color of each pixel in a mosaic, from the residuals of a landmark's fit: the definition of `mosaic.h`.
 
-A sensor with a color mosaic measures one color in a pixel; the others are interpolated, and err where the image is
-curved: by so much more than the measured ones that a single landmark often shows where red lies in the cells of 2 x 2
+A sensor with a color mosaic measures one color per pixel; the others are interpolated, with errors where the image is
+curved.  These are so much larger that a single landmark often shows the place of red in the cells of 2 x 2
 pixels.
 """
 
@@ -18,21 +18,21 @@ PLACES = 4  # of red in a cell: row times 2, plus column
 FARTHEST = 300.0
 BLUE, GREEN, RED = range(3)
 # Weights of half the curvatures across and down in the error of an interpolated value, by the pixels that have the
-# color: this one, those beside it in the row, in the column, on the diagonals, all four neighbors.
+# color: the pixel itself, its neighbors in the row, in the column, on the diagonals, all four neighbors.
 NEIGHBORS = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0.5)])
-# By color and by how the pixel's cell differs from red's.
+# By color, and by the offset of the pixel's cell from red's.
 KINDS = np.array([(3, 2, 1, 0), (4, 0, 0, 4), (0, 1, 2, 3)])
 _MEAN_SHARES = np.array([0.5, 0.25, 0.5])  # of the sum of both curvatures, over the places
 
 
 class MosaicRules(NamedTuple):
-    """How values of a color mosaic are weighed.
+    """Weights of values from a color mosaic.
 
     Attributes:
         error_share: of interpolated values, relative to half the curvature.
         evidence: weight of the log likelihood, since neighboring pixels share their errors.
-        log_odds: of a mosaic with red at a certain place against none, before a residual is seen.
-        least_weight: of an interpolated value, where the place is sure.
+        log_odds: prior log odds of a mosaic with red at a given place, compared with no mosaic.
+        least_weight: weight of an interpolated value if the place is certain.
     """
 
     error_share: float
@@ -47,8 +47,8 @@ def mosaic_weights_numpy(
     """(3,4) square roots of the weights of blue, green and red in the four cells of a mosaic.
 
     Residuals follow a t distribution of 3 degrees of freedom, which is wider where a value was interpolated and the
-    image is curved; interpolation may have blurred, too.  Without a mosaic all are alike: as wide as measured values,
-    or as the average.
+    image is curved; interpolation may also have blurred.  Without a mosaic all widths are equal: that of measured
+    values, or the average.
 
     Args:
         residuals: (N,3) BGR, over their scale.
@@ -70,5 +70,5 @@ def mosaic_weights_numpy(
 
 
 def _log_likelihood(d: FloatArray, v: FloatArray) -> FloatArray:
-    """Up to a constant, of a t distribution of 3 degrees of freedom and width v."""
+    """Log density, up to a constant, of a t distribution of 3 degrees of freedom and width v."""
     return np.asarray(1.5 * np.log(v) - 2 * np.log(3 * v + d**2))

@@ -15,7 +15,7 @@ from lmkit.kernels.workspace import Workspace
 ByteArray = NDArray[np.uint8]
 
 BANDS = 24  # of three rows each
-MOST = 4096  # larger responses count as this
+MOST = 4096  # larger responses are clipped to this value
 # Median of a normal distribution's absolute value; norm of the filter; of the gray (B + 2 G + R) / 4.
 SCALE = 0.6745 * 6 * 4
 

@@ -1,9 +1,9 @@
-"""Whether something stands before a decoded landmark, by the pixels that its code does not explain.
+"""Detection of an object in front of a decoded landmark, from the pixels that its code does not explain.
 
-A pixel shows the landmark or something else.  Its chi2 therefore counts up to a limit only, in what speaks for a code
-(a mixture of two explanations): a gap that something covers then speaks for nothing, whatever its color.
-Where an object stands, its one color, or any colors at a price, explain a region that the landmark does not: the
-rectangle that gains most is sought, as in a spatial scan statistic (Kulldorff 1997).  The kernel is a part of
+A pixel shows the landmark or something else.  Its chi2 is therefore limited in the evidence for a code
+(a mixture of two explanations): a covered gap of any color is then no evidence.
+An object's one color, or any colors at a cost, explain a region that the landmark does not explain: the
+rectangle with the largest gain is searched, as in a spatial scan statistic (Kulldorff 1997).  The kernel is part of
 `lmkit_decode`.
 """
 
@@ -20,15 +20,15 @@ CELLS = 8
 
 
 class OcclusionRules(NamedTuple):
-    """Figures of the search.
+    """Parameters of the search.
 
     Attributes:
         model_share: share of the contrast that no model of blur and print explains.
-        usual_quantile: of the residuals over their expected variance; what is usual.
+        usual_quantile: quantile of the residuals over their expected variance that defines the usual ratio.
         code_limit: a pixel's chi2 counts up to this for a code.
         foreign_limit: a pixel's chi2 counts up to this for an object.
-        foreign_pixel: what a pixel of an object of many colors costs, chi2.
-        foreign_pixels: an object covers so many at least.
+        foreign_pixel: cost of a pixel of an object of many colors, chi2.
+        foreign_pixels: least number of pixels of an object.
         foreign_reach: half side of the grid of cells, relative to that of the landmark.
     """
 
@@ -44,8 +44,8 @@ class OcclusionRules(NamedTuple):
 def usual_variance_numpy(
     off: FloatArray, variance: FloatArray, contrast: FloatArray, rules: OcclusionRules
 ) -> FloatArray:
-    """(N,) usual variance of residuals (N,3): the expected one, times how much larger most of them are; and no less
-    than the share of the contrast (3,) that no model explains."""
+    """(N,) usual variance of residuals (N,3): the expected one times the usual ratio of most of them, and at least
+    the share of the contrast (3,) that no model explains."""
     common = float(np.quantile(np.mean(off**2, axis=1) / variance, rules.usual_quantile))
     return np.asarray(np.maximum(variance * max(common, 1.0), np.mean((rules.model_share * contrast) ** 2)))
 
@@ -59,7 +59,7 @@ def code_evidence_numpy(
     others: FloatArray,
     rules: OcclusionRules,
 ) -> float:
-    """The least chi2 that speaks for the code against another one.
+    """The least chi2 in favor of the code, compared with another one.
 
     Args:
         off: (N,3) residuals of the code.

@@ -19,7 +19,7 @@ from lmkit.kernels.load import contiguous
 FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
 
-INKS = 4  # white, red, blue, and what surrounds the white margin
+INKS = 4  # white, red, blue, and the surroundings of the white margin
 QUARTERS = 4
 JET = 6  # value, d/dx, d/dy, d/dSxx, d/dSxy, d/dSyy
 FRAME, RING, TRIANGLE, GAP = 0, 4, 5, 9  # first column of each kind
@@ -69,7 +69,7 @@ class Drawing(_Parts):
 
     @cached_property
     def flat(self) -> Float32Array:
-        """All of it in the order of `pattern.h`."""
+        """The data in the order of `pattern.h`."""
         head = np.array([len(self.radii), len(self.lines), len(self.gaps)], dtype=np.float64)
         return np.concatenate([head, *(part.ravel() for part in self)]).astype(np.float32)
 
@@ -144,7 +144,7 @@ class _Jets:
         self.slopes = slopes
 
     def squares(self, drawing: Drawing) -> list[Float32Array]:
-        """Jets of paper with its margin, face, and blue ground with all that is on it."""
+        """Jets of the paper with its margin, the face, and the blue ground with its parts."""
         found = []
         for half in drawing.squares:
             edges = self.lines(np.array([[1, 0, -half], [1, 0, half], [0, 1, -half], [0, 1, half]]))
@@ -161,18 +161,18 @@ class _Jets:
     def rings(self, drawing: Drawing) -> Float32Array:
         """(J,R,N) the closed rings.
 
-        A step aside by t leads outward by t^2 / 2r, so with the variance T along the circle the point
-        sees its surroundings, in the mean, from T / 2r further out: blur makes rings smaller.
+        A sideways step t increases the radius by t^2 / 2r, so with the variance T along the circle the point
+        averages its surroundings at a radius larger by T / 2r: blur makes rings smaller.
         """
         x, y = self.points
-        # At the very center there is no direction; no ring reaches there.
+        # At the center there is no direction, and no ring.
         radius = np.maximum(np.hypot(x, y), np.float32(1.0))
         nx, ny = x / radius, y / radius
         sxx, sxy, syy = self.spread
         across = np.stack([nx * nx, 2 * nx * ny, ny * ny])
         along = np.stack([ny * ny, -2 * nx * ny, nx * nx])
         variance = np.maximum((across * self.spread).sum(axis=0), 0.01 * (sxx + syy))
-        # Not where the blur is as wide as the circle, and the series ends.
+        # Not if the blur is as wide as the circle, where the series is not valid.
         outward = np.minimum((sxx + syy - variance) / (2 * radius), 0.3 * radius)
         # d(n'Sn)/dp = 2 (S n - (n'Sn) n) / r: both variances turn with the point.
         turning = np.stack([sxx * nx + sxy * ny - variance * nx, sxy * nx + syy * ny - variance * ny]) * (2 / radius)
@@ -199,7 +199,7 @@ class _Jets:
     def _edges(
         self, distance: Float32Array, variance: Float32Array, normal: Float32Array, weights: Float32Array
     ) -> Float32Array:
-        """(J,K,N) from (K,N) distance and variance across the edge, and what those change with."""
+        """(J,K,N) from (K,N) distance and variance across the edge, and their slopes."""
         s = np.sqrt(variance)
         share, density = normal_distribution(np.asarray(distance / s, dtype=np.float32))
         if not self.slopes:

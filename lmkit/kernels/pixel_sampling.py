@@ -1,4 +1,4 @@
-"""Pixels of a landmark, thinned, in linear light, with the variance that noise through the tone curve gives them."""
+"""Thinned pixels of a landmark, in linear light, with their variance from noise through the tone curve."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ FloatArray = NDArray[np.floating[Any]]
 
 # 2^32 over the plastic number and its square: multiples of both fill the plane evenly (Roberts 2018).
 ALONG, DOWN = 3242174889, 2447445414
-VISITED = 20  # pixels looked at for each one that is wanted
-# Distances between two pixels of a row that are looked at, for which those taken of them fill a square of 10 x 10
-# cells evenly: with others, such as 13 or 24, they lie in stripes and leave whole cells of a marker out.
+VISITED = 20  # examined pixels for each requested one
+# Steps between examined pixels of a row for which the chosen pixels cover a square of 10 x 10
+# cells evenly: with other steps, such as 13 or 24, they form stripes that miss whole cells of a marker.
 EVEN_STEPS = (
     1, 2, 3, 5, 8, 11, 12, 15, 18, 21, 23, 29, 34, 39, 50, 59, 76, 98, 127, 143, 161, 209, 227, 275, 322, 390,
     490, 595,
@@ -27,7 +27,7 @@ EVEN_STEPS = (
 
 
 class Source(NamedTuple):
-    """The image that pixels are taken from.
+    """The sampled image.
 
     Attributes:
         image: (H,W,3) BGR, 8 bit.
@@ -69,14 +69,14 @@ class SamplingRules(NamedTuple):
     """Limits of the sampling.
 
     Attributes:
-        reach: half side of the square that pixels are taken from, mm.
+        reach: half side of the sampled square, mm.
         band: distance from an edge within which a pixel is near it, mm.
-        at_most: about so many pixels.
+        at_most: approximate number of pixels.
         near_share: share of them near edges; 0 thins evenly.
         noise: standard deviation of the code values over 255.
         floor: least variance.
-        paper: half side of the square that is surely paper, mm; around the face, pixels are not taken that a standard
-            deviation of the point spread carries beyond.
+        paper: half side of the square that is certainly paper, mm; around the face, pixels are not used if a standard
+            deviation of the point spread extends beyond it.
     """
 
     reach: float
@@ -89,7 +89,7 @@ class SamplingRules(NamedTuple):
 
 
 class Taken(NamedTuple):
-    """Pixels in use.
+    """The chosen pixels.
 
     Attributes:
         at: (2,N) positions relative to the view's origin.
@@ -109,7 +109,7 @@ class Taken(NamedTuple):
 def sample(
     source: Source, view: View, state: FloatArray, box: tuple[int, int, int, int], edges: Edges, rules: SamplingRules
 ) -> Taken:
-    """Pixels of a box x0, y0, x1, y1 (exclusive) that lie in the landmark.
+    """Pixels of a box x0, y0, x1, y1 (exclusive) inside the landmark.
 
     Raises:
         ValueError: the box reaches beyond the image.
@@ -176,7 +176,7 @@ def sample_numpy(
 def value_variance(values: FloatArray, light: FloatArray, rules: SamplingRules) -> FloatArray:
     """(N,) expected variance of (N,3) linear-light values over ``light``: noise through the tone curve.
 
-    A floor stands for what no model of tone and print explains, 1.5 % of the brightest values.
+    A floor of 1.5 % of the brightest values covers errors of the models of tone and print.
     """
     if len(values) == 0:
         return np.zeros(0)
@@ -187,13 +187,13 @@ def value_variance(values: FloatArray, light: FloatArray, rules: SamplingRules) 
 
 
 def _evenly(x: NDArray[np.int64], y: NDArray[np.int64], share: float) -> NDArray[np.bool_]:
-    """(N,) True for about this share of the pixels, without the comb of a regular stride."""
+    """(N,) True for about this share of the pixels, without the pattern of a regular stride."""
     limit = int(share * 4294967295.0) if share < 1 else 4294967295
     return np.asarray((x * ALONG + y * DOWN) % 2**32 <= limit)
 
 
 def _step(box: tuple[int, int, int, int], at_most: int) -> int:
-    """Pixels of a row between two that are looked at: large landmarks have more than anyone needs."""
+    """Step between examined pixels of a row: large landmarks have more pixels than needed."""
     x0, y0, x1, y1 = box
     step = (x1 - x0) * (y1 - y0) // (VISITED * max(at_most, 1))
     return next((even for even in EVEN_STEPS if even >= step), step)

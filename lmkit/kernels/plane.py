@@ -1,7 +1,7 @@
 """From pixels to the landmark's plane: homography of four corners, unknown lens, point spread, light.
 
 A state is (15,): four corners x0 y0 x1 y1 ... (px), covariance of the point spread xx xy yy (px^2), radial
-distortion, relative change of the light from the middle to the right and to the upper edge, mixed-pixel bias.
+distortion, relative change of the light from the center to the right and to the upper edge, mixed-pixel bias.
 `plane.h` has the same for the kernels.
 """
 
@@ -25,7 +25,7 @@ class _View(NamedTuple):
     Attributes:
         origin: (2,) px, whole numbers near the landmark; pixel positions are relative to it.
         center: (2,) px, about which the radial distortion is.
-        half_width: px at which the distortion counts in full.
+        half_width: distance from the center, px, that normalizes the distortion.
         half_mm: half side of the landmark's face.
         pixel_variance: of a pixel's box, px^2.
     """
@@ -38,11 +38,11 @@ class _View(NamedTuple):
 
 
 class View(_View):
-    """The image as a registration sees it: origin, center, half width, half side and pixel, as in `_View`."""
+    """The image's geometry for a registration: origin, center, half width, half side and pixel, as in `_View`."""
 
     @cached_property
     def flat(self) -> FloatArray:
-        """All of it in the order of `plane.h`."""
+        """The data in the order of `plane.h`."""
         return np.array([*self.origin, *self.center, self.half_width, self.half_mm, self.pixel_variance])
 
 
@@ -74,9 +74,9 @@ def plane_numpy(
 def displaced_numpy(view: View, distortion: float, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(N,2) displacement of (N,2) pixels, relative to the view's origin, from the image to one without distortion.
 
-    The lens is ``o (k r^2 + k^2 r^4)`` about the image's center, o from there and r = 1 at half the width, the
-    beginning of the division model ``o / (1 - k r^2)`` (Fitzgibbon 2001).  Its affine part at the origin is left out:
-    it would move the corners by many pixels when k moves, so that a few steps of a fit could not follow.
+    The lens is ``o (k r^2 + k^2 r^4)`` about the image's center, o from there and r = 1 at half the width, the first
+    terms of the division model ``o / (1 - k r^2)`` (Fitzgibbon 2001).  Its affine part at the origin is omitted: it
+    would move the corners by many pixels when k moves, so that a few steps of a fit could not follow.
 
     Returns:
         The displacement, its (N,2) slope with the distortion and its (N,2,2) slopes with the pixels.

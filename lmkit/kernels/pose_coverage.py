@@ -1,4 +1,4 @@
-"""Errors to expect of poses on a floor from information on the camera's pose, and how near they are to a demand."""
+"""Expected errors of poses on a floor from information on the camera's pose, scored against a requirement."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lmkit.kernels.load import addresses, contiguous, function
 
 Array = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
-HELD = 1 - 1e-9  # score from which a place holds the demand
+HELD = 1 - 1e-9  # least score of a place that meets the requirement
 MOST_HEADINGS = 256
 
 
@@ -37,9 +37,9 @@ class Coverage:
         arms: (N*H,3) from the base to the camera, in the map.
         known: (6,) information on the camera's pose that is there without landmarks, on the diagonal.
         headings: H, at most 256.
-        enough: headings of a place that must hold the demand.
-        error_m, heading_rad, asked: the demand: errors of position and heading, landmarks in view.
-        blind_m: error at which a pose is worth nothing.
+        enough: number of headings of a place that must meet the requirement.
+        error_m, heading_rad, asked: the requirement: errors of position and heading, landmarks in view.
+        blind_m: error at which a pose has no value.
         scores: (N*H,) 1 where the demand holds; half for landmarks in view, half for the errors.
         held: (N,) mean of the best ``enough`` scores of a place.
     """
@@ -102,7 +102,7 @@ def planar_covariances(information: Array, arms: Array, known: Array) -> Array:
 
 def planar_covariances_numpy(information: Array, arms: Array, known: Array) -> Array:
     """Definition of :func:`planar_covariances`."""
-    # The base lies behind the camera: p_base = p_camera - R(heading) t.
+    # The base is behind the camera: p_base = p_camera - R(heading) t.
     J = np.zeros((len(information), 3, 6))
     J[:, 0, 0] = J[:, 1, 1] = J[:, 2, 5] = 1.0
     J[:, 0, 4], J[:, 0, 5] = -arms[:, 2], arms[:, 1]
@@ -111,7 +111,7 @@ def planar_covariances_numpy(information: Array, arms: Array, known: Array) -> A
 
 
 def pose_scores(coverage: Coverage, rows: Ints, information: Array, in_view: Ints) -> Array:
-    """(R,) scores of poses as if they had that information (R,6,6) and so many landmarks in view (R,)."""
+    """(R,) scores of poses with given information (R,6,6) and numbers of landmarks in view (R,)."""
     C = planar_covariances_numpy(information, coverage.arms[rows], coverage.known)
     errors, turns = np.sqrt(C[:, 0, 0] + C[:, 1, 1]), np.sqrt(C[:, 2, 2])
     worst = np.maximum(errors / coverage.error_m, turns / coverage.heading_rad)
@@ -130,7 +130,7 @@ def means_of_best(coverage: Coverage, scores: Array) -> Array:
 def change_coverage(
     coverage: Coverage, rows: Ints, information: Array, shown: NDArray[np.bool_], sign: int, apply: bool
 ) -> tuple[float, int]:
-    """Effect of a landmark that is added (sign 1) or removed (-1): the sum of ``held``, and how many places hold.
+    """Effect of an added (1) or removed (-1) landmark: the sum of ``held``, and the number of places that hold.
 
     Args:
         rows: (R,) poses that may read it, in rising order.

@@ -1,7 +1,7 @@
-"""The poses that the corners of several landmarks allow, and the covariance of one of them.
+"""The poses allowed by the corners of several landmarks, and the covariance of one of them.
 
-Every landmark alone gives two poses (square_pose.py).  Each is fitted to its own landmark, then to all that it comes
-near to; those that are still different poses are refined on what they explain.
+Every landmark alone gives two poses (square_pose.py).  Each is fitted to its own landmark, then to all landmarks
+near their projections; poses that are still different are refined on the landmarks that they explain.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-# A pose is finished when a step promises to lower the chi2 by less (a hundredth of a standard deviation), or when
+# A pose is finished when the predicted decrease of chi2 is smaller (a hundredth of a standard deviation), or when
 # steps must be damped more than this.
 CONVERGED, MOST_DAMPING = 1e-4, 1e6
 
@@ -50,11 +50,11 @@ class Search:
 
     Attributes:
         gate_share: corners within this share of the landmark's side are near.
-        limit: chi2 of a observation's eight coordinates below which it is explained.
-        listed_below: log likelihood ratio beyond which a pose cannot win any more.
-        same_turn_rad, same_place_m: poses nearer than that are one pose.
+        limit: chi2 of an observation's eight coordinates below which it is explained.
+        listed_below: log likelihood ratio to the best pose beyond which a pose is dropped.
+        same_turn_rad, same_place_m: poses with smaller differences are the same.
         towards_near, to_the_end: iterations of the first fit and of the last ones.
-        rounds: how often the observations explained are chosen anew.
+        rounds: number of times that the explained observations are chosen again.
     """
 
     gate_share: float
@@ -76,7 +76,7 @@ class Search:
 
     @property
     def least_trace(self) -> float:
-        """Trace of the rotation between two poses above which they are one."""
+        """Trace of the rotation between two poses above which they are the same."""
         return float(1 + 2 * np.cos(self.same_turn_rad))
 
 
@@ -92,7 +92,7 @@ def search_poses(
         prior: as of :func:`lmkit.kernels.reprojection.pose_equations`.
 
     Returns:
-        K is 0 where no landmark has a pose.  Costs are negative log likelihoods.
+        K is 0 if no landmark has a pose.  Costs are negative log likelihoods.
 
     Raises:
         ValueError: a shape differs.
@@ -126,7 +126,7 @@ def search_poses_numpy(
     gate_px = search.gate_share * side_px
     near = (of == own[:, None]) | (np.sqrt(corner_chi2_numpy(corners, R, p)[1] / 8) < gate_px)
     R, p = refine_poses_numpy(corners, prior, R, p, near, search.towards_near, CONVERGED, MOST_DAMPING)
-    # What a pose does not even come near to it will not explain, however it is refined.
+    # Landmarks far from their projections will not be explained by any refinement of the pose.
     chi2, pixels = corner_chi2_numpy(corners, R, p)
     near |= (np.sqrt(pixels / 8) < gate_px) | (chi2 < search.limit)
     least = (~near).sum(axis=1) * search.limit / 2
@@ -137,7 +137,7 @@ def search_poses_numpy(
     used: Flags | None = None
     for _ in range(search.rounds):
         inliers = chi2 < search.limit
-        # A pose that explains nothing stays where its best landmark put it.
+        # A pose that explains no landmark stays at the fit of its best landmark.
         nothing = ~np.asarray(inliers.any(axis=1, keepdims=True))
         inliers |= nothing & (chi2 == chi2.min(axis=1, keepdims=True))
         if used is not None and (inliers == used).all():
@@ -154,7 +154,7 @@ def _hypotheses(corners: Corners, of: Ints, side_px: Array) -> tuple[Array, Arra
     """Both poses of every landmark: R (H,3,3), p (H,3), and its number (H,)."""
     best: dict[int, int] = {}
     for row, which in enumerate(of.tolist()):
-        # Of the two cameras the one that sees it larger.
+        # The camera in which the landmark is larger.
         if which not in best or side_px[row] > side_px[best[which]]:
             best[which] = row
     rows = list(best.values())
@@ -174,13 +174,13 @@ def _hypotheses(corners: Corners, of: Ints, side_px: Array) -> tuple[Array, Arra
 
 
 def _costs(prior: tuple[float, ...], R: Array, p: Array, chi2: Array, search: Search) -> Array:
-    """(H,) negative log likelihoods; an observation that is not explained costs as much as one just explained."""
+    """(H,) negative log likelihoods; an unexplained observation costs as much as one at the limit."""
     known = (prior_residuals(prior, R, p) ** 2).sum(axis=1)
     return np.asarray((np.minimum(chi2, search.limit).sum(axis=1) + known) / 2)
 
 
 def _distinct(R: Array, p: Array, cost: Array, search: Search) -> Ints:
-    """Rows sorted by cost, without those that are the same pose as a better one."""
+    """Rows sorted by cost, without poses equal to a better one."""
     flat = R.reshape(-1, 9)
     turned = search.least_trace > flat @ flat.T
     apart = turned | (((p[:, None] - p) ** 2).sum(axis=2) > search.same_place_m**2)
@@ -192,15 +192,15 @@ def _distinct(R: Array, p: Array, cost: Array, search: Search) -> Ints:
 
 
 def pose_covariance(corners: Corners, prior: tuple[float, ...], R: Array, p: Array, used: Flags) -> Array:
-    """(6,6) covariance of the pose R (3,3), p (3,), from the observations used (S,).
+    """(6,6) covariance of the pose R (3,3), p (3,), from the used observations (S,).
 
-    A landmark seen head-on determines its tilt poorly, and linearization at an estimate that is off makes the
+    A landmark seen head-on determines its tilt poorly, and linearization at an inaccurate estimate makes the
     covariance too small.  The covariance is therefore averaged over the pose and two poses one standard deviation
     away along the least known direction.
 
     Raises:
         ValueError: a shape differs.
-        numpy.linalg.LinAlgError: something is not determined at all.
+        numpy.linalg.LinAlgError: the pose is not determined.
     """
     R, p = contiguous(R, (3, 3)), contiguous(p, (3,))
     used = contiguous(used, (len(corners),), np.bool_)

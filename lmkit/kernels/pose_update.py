@@ -1,7 +1,7 @@
 """Update of a filter's state with the corners of landmarks, as Gauss-Newton (Bell and Cathey 1993).
 
-What is known of the state and what is seen are fitted together; the landmark that fits worst is dropped, one after
-another, until all that are left fit.
+The prediction of the state and the observations are fitted together; the worst landmark is dropped, one after
+another, until the remaining ones fit.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ Array = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-LEAN = 3  # unknowns of a robot on a floor beside its state: lift, roll, pitch
-MOST = 12  # unknowns with them
+LEAN = 3  # additional unknowns of a robot on a floor: height, roll, pitch
+MOST = 12  # largest number of unknowns, including these
 
 
 class _UpdateStruct(ctypes.Structure):
@@ -43,9 +43,9 @@ class Update:
     """Settings of an update.
 
     Attributes:
-        converged: a step whose square, in standard deviations, is smaller is the last one.
-        limit: chi2 of a observation's eight coordinates beyond which it does not fit.
-        iterations: at most so many.
+        converged: the last step has a smaller square, in standard deviations.
+        limit: chi2 of an observation's eight coordinates beyond which it does not fit.
+        iterations: largest number of iterations.
     """
 
     converged: float
@@ -81,7 +81,7 @@ class Updated(NamedTuple):
 
 
 def update_space(corners: Corners, of: Ints, before: Array, R: Array, p: Array, update: Update) -> Updated:
-    """Update of the pose T_map_rig; its six states are a shift, and a turn about the map's axes.
+    """Update of the pose T_map_rig; its six states are a shift and a rotation about the map's axes.
 
     Args:
         of: (S,) which landmark each observation is of.
@@ -136,9 +136,9 @@ def update_planar(
     state: Array,
     update: Update,
 ) -> Updated:
-    """Update of the state of a robot on a level floor: x, y, heading, and what else it may be.
+    """Update of the state of a robot on a level floor: x, y, heading, and further states.
 
-    How it lifts, rolls and pitches at that time is fitted beside the state.
+    Height, roll and pitch at this time are fitted together with the state.
 
     Args:
         of: (S,) which landmark each observation is of.
@@ -202,7 +202,7 @@ def update_planar_numpy(
     )
     off = there - start
     R, p = _camera_at(there, R_base, t_base)
-    # The inverse's own block is what is left once the lean is eliminated.
+    # The block of the inverse is the covariance of the state, with the lean marginalized.
     inverse = np.linalg.inv(normal)[:size]
     by_pull = inverse @ _camera_by_state(there, t_base).T
     cost = float(chi2[used].sum() + off @ known @ off)
@@ -235,7 +235,7 @@ def _believed(
         if not used.any() or chi2[used].max() < limit:
             return used, fitted, chi2
         worst = int(np.argmax(np.where(used, chi2, -1.0)))
-        # Both cameras' observations of a landmark stand and fall together.
+        # All cameras' observations of a landmark are used or dropped together.
         used = used & (of != of[worst])
 
 
@@ -270,7 +270,7 @@ def _camera_by_state(state: Array, t_base: Array) -> Array:
     # x, y, heading of the base.
     J[0, 0] = J[1, 1] = J[5, 2] = 1.0
     J[0, 2], J[1, 2] = -y, x
-    # It leans about the floor, not about the camera.
+    # The robot leans about the floor, not about the camera.
     J[:, -LEAN:] = [[0, 0, z], [0, -z, 0], [1, y, -x], [0, 1, 0], [0, 0, 1], [0, 0, 0]]
     return J
 

@@ -1,8 +1,8 @@
-"""Squares darker than their surroundings, from a local threshold, and where in an image to look for them.
+"""Squares darker than their surroundings, from a local threshold, and the cells of an image to search.
 
-The steps: local threshold, outlines of dark regions with sub-pixel crossings, four corners, a line through
-every side; and squares of the longest straight stretches where a part may be hidden, of the dark region's outline or
-of the bright strip's that its margin is.
+The steps: local threshold, outlines of dark regions with sub-pixel crossings, four corners, a line through every
+side; and squares from the longest straight segments if a part may be hidden, of the outline of the dark region or of
+the bright strip that is its margin.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.floating[Any]]
 ByteArray = NDArray[np.uint8]
 
 CELL = 4
-PAD = 16  # what outlines are padded to a multiple of
+PAD = 16  # the lengths of outlines are padded to a multiple of this
 
 
 class QuadRules(NamedTuple):
@@ -30,14 +30,14 @@ class QuadRules(NamedTuple):
 
     Attributes:
         least_side: px.
-        darker: share by which a pixel must lie under its local mean, or, where negative, may lie over it; a ratio, so
-            that dim and bright rooms are alike.
-        longest: outlines of more pixel sides are left out.
+        darker: share by which a pixel must be below its local mean or, if negative, may be above it; a ratio, so
+            that the brightness of the room has no effect.
+        longest: outlines of more pixel sides are ignored.
         completed_side: side from which squares with a hidden part are completed, px.
-        straight: share of the outline's length by which a straight stretch may deviate.
-        step_per_change, least_step, most_step: an outline begins only where the plane falls, beside its local mean,
-            by so many times the median change between neighbors, but at least and at most so many gray levels.
-            Outlines of noise then begin nowhere, and those of edges are followed into low contrast.
+        straight: largest deviation of a straight segment, as a share of the outline's length.
+        step_per_change, least_step, most_step: an outline begins only where the value falls below its local mean
+            by a multiple of the median change between neighbors, within least and most gray levels.
+            Noise then gives no outlines, and outlines of edges are followed into low contrast.
     """
 
     least_side: float
@@ -54,7 +54,7 @@ _WORKSPACE = Workspace()
 
 
 class Contrast(NamedTuple):
-    """Least range, over 3 x 3 cells, of log red over blue and of log brightness; then both where more is asked."""
+    """Least range, over 3 x 3 cells, of log red over blue and of log brightness; then both for the second level."""
 
     ratio: float
     luma: float
@@ -68,7 +68,7 @@ def where_to_look(image: ByteArray, offset: float, least: Contrast, dilate: bool
     Args:
         image: (H,W,3) BGR.
         offset: added to code values before their logarithm, against noise.
-        dilate: also the cells beside.
+        dilate: include neighboring cells.
     """
     image = contiguous(image, (-1, -1, 3), np.uint8)
     kernel = _where_kernel()
@@ -86,14 +86,14 @@ def where_to_look(image: ByteArray, offset: float, least: Contrast, dilate: bool
 def dark_quads(
     plane: ByteArray, where: ByteArray | None, window: int, rules: QuadRules, halvings: int = 0, level: int = 0
 ) -> FloatArray:
-    """(N,4,2) quadrilaterals around dark regions, clockwise; many are nothing.
+    """(N,4,2) quadrilaterals around dark regions, clockwise; many are not landmarks.
 
     Args:
         plane: (H,W) one channel.
         where: cells in which the outlines begin, from :func:`where_to_look`; None for all.
         window: side of the window for the local mean, odd, at most 15.
-        halvings: how often the plane's image is halved more than the one that ``where`` is of; -1: once less.
-        level: how often it is halved at all; corners are px of the image before that.
+        halvings: number of halvings of the plane relative to the image of ``where``; -1: one fewer.
+        level: total number of halvings; corners are px of the original image.
     """
     plane = contiguous(plane, (-1, -1), np.uint8)
     height, width = plane.shape

@@ -1,6 +1,6 @@
-"""Intersections of an image's rays with a textured panel, and the color there.
+"""Intersections of an image's rays with a textured panel, and their colors.
 
-Single precision, and each operation is rounded as numpy rounds it: a seed gives the same image on every machine.
+Single precision, and each operation is rounded as in numpy: a seed gives the same image on every machine.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def box_mean(image: Float32Array, size: int) -> Float32Array:
     """(H,W,3) means over boxes of ``size`` x ``size`` pixels of an (H size, W size, 3) image.
 
     Raises:
-        ValueError: the sides are no multiples of the size.
+        ValueError: the sides are not multiples of the size.
     """
     image = contiguous(image, (-1, -1, 3), np.float32)
     height, width = image.shape[0] // size, image.shape[1] // size

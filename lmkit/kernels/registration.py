@@ -23,8 +23,8 @@ Float32Array = NDArray[np.float32]
 
 BLOCK = 64
 BLUE_GREEN_RED = np.array([-1.0, 0.0, 1.0])  # signs of their displacement from green
-TO_PLACE = 100.0  # fall of chi2 below which no step is looked at before the last round
-EVIDENT_BLOCKS = 10  # so few blocks of pixels, or fewer, tell the place of a mosaic's colors
+TO_PLACE = 100.0  # decrease of chi2: smaller steps are not tried before the last round
+EVIDENT_BLOCKS = 10  # number of pixel blocks that is sufficient to determine the place of a mosaic's colors
 
 
 class Samples(NamedTuple):
@@ -55,7 +55,7 @@ class Samples(NamedTuple):
 
 
 class Mosaic(NamedTuple):
-    """(N,) cells of the pixels, and how values that a color mosaic lacks are weighed; see `mosaic.py`."""
+    """(N,) cells of the pixels, and the weights of interpolated values of a color mosaic; see `mosaic.py`."""
 
     cells: Float32Array
     rules: MosaicRules
@@ -91,7 +91,7 @@ class Limits(NamedTuple):
 
 
 class Linearization(NamedTuple):
-    """(15,15) J'WJ and (15,) J'Wr without what the inks explain, and the error per value, priors included."""
+    """(15,15) J'WJ and (15,) J'Wr with the inks eliminated, and the error per value, priors included."""
 
     normal: FloatArray
     gradient: FloatArray
@@ -99,14 +99,15 @@ class Linearization(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """How far a registration goes.
+    """Limits of a registration.
 
     Attributes:
-        rounds: how often what does not fit is down-weighted; 0 keeps the weights.
-        most: steps in a round.
-        to_px: a round ends once no corner moves more.
+        rounds: number of times that outliers are down-weighted; 0 keeps the weights.
+        most: largest number of steps in a round.
+        to_px: a round ends if no corner moves more.
         fit_distortion: also fit the radial distortion.
-        negligible: fall of chi2; a step that promises less is the last one, and is taken without another look.
+        negligible: decrease of chi2; a step with a smaller prediction is the last one, and is accepted without a
+            check.
     """
 
     rounds: int
@@ -127,7 +128,7 @@ class Registered(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """(3,N) modeled values, (N,) variance with what does not fit down-weighted (Cauchy), weight of the priors."""
+    """(3,N) modeled values, (N,) variance with outliers down-weighted (Cauchy), weight of the priors."""
 
     drawn: Float32Array
     variance: Float32Array
@@ -143,7 +144,7 @@ def linearize(
     hypothesis: Hypothesis,
     fit_distortion: bool,
 ) -> Linearization:
-    """Error of a state, and its slopes; an infinite error where the inks cannot be solved for."""
+    """Error of a state, and its slopes; an infinite error if the inks are not determined."""
     kernel = _linearize_kernel()
     if kernel is None:
         return linearize_numpy(drawing, view, samples, priors, state, hypothesis, fit_distortion)
@@ -168,13 +169,13 @@ def register(
     steps: Steps,
     mosaic: Mosaic | None = None,
 ) -> Registered:
-    """State with a smaller error after some steps of Gauss-Newton; normal matrix and error are those before the last
-    step where that is negligible.
+    """State with a smaller error after some steps of Gauss-Newton; normal matrix and error are from before the last
+    step if this step is negligible.
 
-    Where ``steps.rounds`` is 0 the samples keep their weights; otherwise what does not fit is down-weighted anew at
-    the beginning of every round.  From the second round on, so are values that a mosaic lacks, and red and blue may
-    lie beside green: the lens or the demosaicer moved them, by as much to opposite sides.  With a mosaic, the rounds
-    before the last one end at a coarser step, `TO_PLACE`.
+    If ``steps.rounds`` is 0 the samples keep their weights; otherwise outliers are down-weighted again at the
+    beginning of every round.  From the second round on, interpolated values of a mosaic are down-weighted, and red
+    and blue may be displaced from green, by equal amounts to opposite sides, by the lens or the demosaicer.  With a
+    mosaic, the rounds before the last one end at a coarser step, `TO_PLACE`.
     """
     kernel = _register_kernel()
     if kernel is None:
@@ -225,10 +226,10 @@ def linearize_numpy(
     fit_distortion: bool,
     color_roots: FloatArray | None = None,
 ) -> Linearization:
-    """Definition of :func:`linearize`; (N,3) roots of further weights, where colors have weights of their own.
+    """Definition of :func:`linearize`; (N,3) roots of further weights, if colors have separate weights.
 
-    Their images may then lie beside each other, blue and red by as much to opposite sides of green; this way is
-    eliminated as the inks are, and is none of the state.
+    Their images may then be displaced, blue and red by equal amounts to opposite sides of green; this displacement is
+    eliminated like the inks, and is not in the state.
     """
     at, values = samples.at.T.astype(np.float64), samples.values.T.astype(np.float64)
     n = len(at)
@@ -244,7 +245,7 @@ def linearize_numpy(
     drawn = jets @ inks + state[14] * blends
     residual = (values - drawn[0]) * root
 
-    # (N,3) d model / d pixel freed of the distortion.
+    # (N,3) d model / d pixel without distortion.
     by_pixel = [drawn[1] * A[:, 0, x, None] + drawn[2] * A[:, 1, x, None] for x in (0, 1)]
     moves = _moves(view, state, points)  # (8,2,N)
     J = np.zeros((STATE, n, 3))
@@ -261,7 +262,7 @@ def linearize_numpy(
         J = np.concatenate([J, [move * BLUE_GREEN_RED for move in by_pixel]])
     J *= root
     flat = J.reshape(len(J), n * 3)
-    # Variable projection (Kaufman 1975): take out what the inks could explain.
+    # Variable projection (Kaufman 1975): remove the part explained by the inks.
     weighted = design * root.T[:, :, None]  # (3,N,4)
     gram = _with_ridge(weighted.transpose(0, 2, 1) @ weighted, priors.ridge)
     seen = np.linalg.solve(np.linalg.cholesky(gram), weighted.transpose(0, 2, 1) @ J.transpose(2, 1, 0))
@@ -270,7 +271,7 @@ def linearize_numpy(
     gradient = flat @ residual.ravel()
     shifts, fall = normal[STATE:, :STATE], 0.0
     if len(shifts):
-        # Inks beside a bias are not quite the best ones: what they could still explain is no shift's.
+        # With a bias the inks are not exactly the best ones: the part that they could explain is not a shift's.
         left = np.linalg.solve(np.linalg.cholesky(gram), weighted.transpose(0, 2, 1) @ residual.T[:, :, None])
         gradient[STATE:] -= by_inks[STATE:] @ left.ravel()
         own = normal[STATE:, STATE:] + priors.weight / priors.color_shift**2 * np.eye(2)
@@ -311,7 +312,7 @@ def register_numpy(
             priors = priors._replace(weight=weights.prior_weight)
         if mosaic is not None and k > 0:
             roots = _color_roots(drawing, view, samples, priors, state, hypothesis, mosaic)
-        # With a mosaic, rounds before the last only bring the drawing to its place.
+        # With a mosaic, rounds before the last one only move the drawing to its place.
         here = steps._replace(negligible=TO_PLACE) if mosaic is not None and k + 1 < steps.rounds else steps
         state, normal, error = _gauss_newton(drawing, view, weighted, priors, limits, state, hypothesis, here, roots)
     return Registered(state, weighted.variance, priors.weight, normal, error)
@@ -336,7 +337,7 @@ def _gauss_newton(
     for _ in range(steps.most):
         for times in range(4):
             step = -np.linalg.solve(here.normal + damping * np.diag(np.diag(here.normal)), here.gradient)
-            # No corner moves further than a quarter of the side at once.
+            # No corner moves more than a quarter of the side in one step.
             step *= min(1.0, 0.25 * _mean_side(state) / max(np.abs(step[:8]).max(), 1e-9))
             trial = _moved(state, step, limits)
             if _is_sane(trial):
@@ -365,7 +366,7 @@ def _color_roots(
     hypothesis: Hypothesis,
     mosaic: Mosaic,
 ) -> FloatArray:
-    """(N,3) roots of the weights that blue, green and red have in the cells of a color mosaic."""
+    """(N,3) roots of the weights of blue, green and red in the cells of a color mosaic."""
     values, root = samples.values.T.astype(np.float64), 1 / np.sqrt(samples.variance.astype(np.float64))[:, None]
     points, spread, A, _ = plane_numpy(view, state, samples.at.T.astype(np.float64))
     light = light_numpy(view, state, points)[:, None]
@@ -374,7 +375,7 @@ def _color_roots(
     drawn = jets @ inks
     residuals = (values - drawn[0] - state[14] * blending_numpy(jets[:1], inks)[0]) * root
     scale = max(float(np.sqrt(np.median(np.mean(residuals**2, axis=1)))), 1e-6)
-    # A slope with the point spread is half a second derivative.
+    # A slope by the point spread is half a second derivative.
     across, down = (
         np.einsum("knc,nk->nc", drawn[3:], spread_in_plane(A, *unit)) * root / scale
         for unit in ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -423,9 +424,9 @@ def inks_numpy(design: FloatArray, values: FloatArray, root: FloatArray, bias: f
 def blending_numpy(jets: FloatArray, inks: FloatArray) -> FloatArray:
     """(...,N,3) where inks blend: the variance of the light within a pixel's view, over the white's.
 
-    If the image's tone curve is not the one that was undone, a blend of two inks does not have the
+    If the image's tone curve differs from the inverted one, a blend of two inks does not have the
     mean of their values.  To second order it is off by half the curve's second derivative times
-    this, whatever the curve: white spreads over dark, or dark over white, and the square shrinks or
+    this, for any curve: white spreads over dark, or dark over white, and the square shrinks or
     grows.
 
     Args:
@@ -444,7 +445,7 @@ def _with_ridge(gram: FloatArray, ridge: float) -> FloatArray:
 
 
 def _moves(view: View, state: FloatArray, points: FloatArray) -> FloatArray:
-    """(8,2,N) how a point of the pattern moves in the image with every corner coordinate."""
+    """(8,2,N) motion of a pattern's point in the image by every corner coordinate."""
     delta = 1e-3
     corners = state[:8] - np.tile(view.origin, 4)
     steps = delta * np.eye(8)
@@ -458,8 +459,8 @@ def _moves(view: View, state: FloatArray, points: FloatArray) -> FloatArray:
 
 def _moved(state: FloatArray, step: FloatArray, limits: Limits) -> FloatArray:
     moved = state + step
-    # Where edges run along the axes, hardly anything is known of the point spread across them, and a long step there
-    # spoils the whole.
+    # If edges are along the axes, the point spread's xy is poorly determined, and a long step in it
+    # ruins the fit.
     largest = 0.5 * (state[8] + state[10])
     moved[9] = state[9] + np.clip(step[9], -largest, largest)
     values, vectors = np.linalg.eigh(np.array([[moved[8], moved[9]], [moved[9], moved[10]]]))
@@ -493,7 +494,7 @@ def _scratch(n: int) -> Float32Array:
 
 
 def scratch_floats(n: int) -> int:
-    """Floats that the registration of n pixels works in."""
+    """Number of floats of workspace for the registration of n pixels."""
     return (n + BLOCK - 1) // BLOCK * BLOCK * (INKS * JET + 4)
 
 

@@ -1,7 +1,8 @@
 """Whitened reprojection errors of landmark corners for many poses: chi2, normal equations, Levenberg-Marquardt.
 
-Corners are compared as rays x/z, y/z without distortion; ``whitener`` carries the lens and the corners' covariance.
-A pose is T_map_rig: R (3,3) and p (3,), moved by a shift and by a turn about the map's axes (6 numbers, m and rad).
+Corners are compared as rays x/z, y/z without distortion; ``whitener`` contains the lens and the corners' covariance.
+A pose is T_map_rig: R (3,3) and p (3,), changed by a shift and a rotation about the map's axes (6 numbers, m and
+rad).
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from lmkit.kernels.load import address, addresses, contiguous, function
 Array = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-NEAREST_M = 0.02  # corners nearer than that, or behind the camera, are not seen
-NOWHERE = 1e2  # error as x/z of a landmark that is not seen
+NEAREST_M = 0.02  # nearer corners, or corners behind the camera, are not visible
+NOWHERE = 1e2  # error as x/z of a landmark that is not visible
 NO_PRIOR = (float("nan"),) * 8
 
 
-# Of the arrays of `Corners`, behind the number of observations.
+# Shapes of the arrays of `Corners`, after the number of observations.
 SHAPES = (
     ("points", (4, 3)), ("rays", (4, 2)), ("by_ray", (4, 2, 2)), ("whitener", (8, 8)), ("R_camera", (3, 3)),
     ("t_camera", (3,)),
@@ -44,7 +45,7 @@ class _CornersStruct(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """S observed landmarks, whatever the pose.
+    """S observed landmarks, independent of the pose.
 
     Attributes:
         points: (S,4,3) corners in the map, meters.
@@ -75,7 +76,7 @@ class Corners:
         Raises:
             ValueError: a shape differs, or roots without arms and groups.
         """
-        # Set as a whole: one attribute after the other takes a frozen class three times as long.
+        # Set together: single attributes of a frozen class take three times as long.
         count, own = len(self.points), self.__dict__
         if self.roots is not None and (self.arms is None or self.group is None):
             raise ValueError("roots need arms and groups")
@@ -96,7 +97,7 @@ class Corners:
 
 
 def corner_chi2(corners: Corners, R: Array, p: Array) -> tuple[Array, Array]:
-    """(H,S) squared error of each observation on its own, in standard deviations, summed over its eight coordinates;
+    """(H,S) squared error of each single observation, in standard deviations, summed over its eight coordinates;
     and (H,S) summed squares of its pixel errors.
 
     A landmark with a corner behind its camera has huge errors.  R is (H,3,3), p (H,3).
@@ -118,7 +119,7 @@ def corner_chi2_numpy(corners: Corners, R: Array, p: Array) -> tuple[Array, Arra
     errors, r, _, K = _errors(corners, R, p)
     squared = (r**2).sum(axis=2)
     if K is not None:
-        # Woodbury: (1 + K K')^-1 = 1 - K (1 + K'K)^-1 K', with K K' what the landmark's error does.
+        # Woodbury: (1 + K K')^-1 = 1 - K (1 + K'K)^-1 K', with K K' from the landmark's error.
         pull = np.einsum("hsik,hsi->hsk", K, r)
         inner = np.eye(6) + K.transpose(0, 1, 3, 2) @ K
         squared = squared - (pull * np.linalg.solve(inner, pull[..., None])[..., 0]).sum(axis=2)
@@ -129,11 +130,11 @@ def corner_chi2_numpy(corners: Corners, R: Array, p: Array) -> tuple[Array, Arra
 def pose_equations(
     corners: Corners, prior: tuple[float, ...], R: Array, p: Array, used: Flags
 ) -> tuple[Array, Array, Array]:
-    """Normal matrices (H,6,6), gradients (H,6) and squared errors (H,) of the observations used (H,S) and the prior.
+    """Normal matrices (H,6,6), gradients (H,6) and squared errors (H,) of the used observations (H,S) and the prior.
 
     Args:
         prior: heading (rad, of the rig's z axis in the map's plane) and its sigma, height and its sigma, the map's
-            down in the rig (3), and the sigma (rad) by which it leans; NaN for what is not known.
+            down in the rig (3), and the sigma (rad) of its tilt; NaN if unknown.
 
     Raises:
         ValueError: a shape differs.
@@ -192,9 +193,9 @@ def refine_poses(
     converged: float,
     most_damping: float,
 ) -> tuple[Array, Array]:
-    """Levenberg-Marquardt on the observations used (H,S) and the prior, every pose on its own: R (H,3,3), p (H,3).
+    """Levenberg-Marquardt on the used observations (H,S) and the prior, every pose separately: R (H,3,3), p (H,3).
 
-    A pose is done when a step promises to lower the squared error by less than ``converged``, or when its damping
+    A pose is finished when the predicted decrease of the squared error is below ``converged``, or when its damping
     exceeds ``most_damping``.
 
     Raises:
@@ -233,7 +234,7 @@ def refine_poses_numpy(
         damped = normal + np.eye(6) * (damping[:, None, None] * normal + 1e-9)
         step = np.asarray(np.linalg.solve(damped, gradient[:, :, None])[:, :, 0])
         R_there, p_there = turns(step[:, 3:]) @ R, p + step[:, :3]
-        # What the step promises to gain, before it is tried.
+        # Predicted gain of the step, before it is tried.
         small = (step * gradient).sum(axis=1) < converged
         there = pose_equations_numpy(corners, prior, R_there, p_there, used)
         better = running & (small | (there[2] < squared))
@@ -256,16 +257,16 @@ def prior_residuals(prior: tuple[float, ...], R: Array, p: Array) -> Array:
     if not np.isnan(height):
         columns.append((height - p[:, 2]) / height_sigma)
     if not np.isnan(down[0]):
-        # The map's down as the pose has it, in the map: its x and y are what it leans.
+        # The rig's down direction in the map by this pose: its x and y are the tilt.
         leaning = R @ np.array(down)
         columns += [-leaning[:, 0] / tilt_sigma, -leaning[:, 1] / tilt_sigma]
-        # Upside down it would not lean either.
+        # Upside down, x and y would also be zero.
         columns.append(np.where(leaning[:, 2] > 0, np.pi / tilt_sigma, 0.0))
     return np.column_stack(columns) if columns else np.zeros((len(R), 0))
 
 
 def prior_jacobian(prior: tuple[float, ...], R: Array, p: Array) -> Array:
-    """(H,K,6) of the actual values with a shift and a turn in the map, in standard deviations."""
+    """(H,K,6) derivatives of the actual values by a shift and a rotation in the map, in standard deviations."""
     heading, heading_sigma, height, height_sigma, *down, tilt_sigma = prior
     zero, columns = np.zeros(len(R)), []
     if not np.isnan(heading):

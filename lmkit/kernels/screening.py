@@ -1,6 +1,6 @@
-"""A quick look at squares: all sampled on one grid of the landmark's plane, scored, and moved to a better fit.
+"""Screening of squares: all are sampled on one grid of the landmark's plane, scored, and moved to a better fit.
 
-On the grid the coverage of every part is known beforehand, so reading a square is a matrix product, and so is moving
+On the grid the coverage of every part is precomputed, so reading a square is a matrix product, and so is moving
 its corners (Gauss-Newton with the drawing's own gradient, after Baker and Matthews 2004).
 """
 
@@ -24,17 +24,17 @@ FloatArray = NDArray[np.floating[Any]]
 Float32Array = NDArray[np.float32]
 
 STILL = 0.006  # of the side
-SAME = 0.05  # of the side: two squares are one
-# Shares nearer than this are the same: squares of one landmark are moved to one place, and their shares then differ
-# by the rounding of sums.
+SAME = 0.05  # of the side: nearer squares are the same
+# Shares with a smaller difference are the same: squares of one landmark move to one place, and their shares differ
+# by rounding of sums.
 SAME_SHARE = 1 / 256
-LOOK = 15  # 64-bit numbers of what is seen of a square
+LOOK = 15  # 64-bit numbers per sampled square
 GATE = 30  # points of the gate: a third each on margin, border and ground
 
 
 @dataclass(frozen=True, eq=False)
 class Pyramid:
-    """An image at full, half, quarter ... resolution; every level the mean of 2 x 2 code values of the one before.
+    """An image at full, half, quarter ... resolution; each level the mean of 2 x 2 code values of the level before.
 
     Attributes:
         levels: (H,W,3) BGR, 8 bit, contiguous.
@@ -106,7 +106,8 @@ class ScreenTables(NamedTuple):
 
 class Thresholds(NamedTuple):
     """Thresholds of a square: white over dark and over ground (ratios), log ratio of red over blue, least contrast
-    of white and ground in a channel, log ratio of what the best hypothesis and the best in another turn leave."""
+    of white and ground in a channel, log ratio of the residuals of the best hypothesis and the best in another
+    turn."""
 
     white_over_dark: float
     white_over_ground: float
@@ -116,19 +117,19 @@ class Thresholds(NamedTuple):
 
 
 class ScreenRules(NamedTuple):
-    """Figures of the screening.
+    """Parameters of the screening.
 
     Attributes:
-        full_detail_px: squares of up to this side are looked at in full resolution, larger ones in halved images.
+        full_detail_px: squares of up to this side are sampled at full resolution, larger ones in halved images.
         blur_px: standard deviation of the point spread that is assumed, px of the level.
         ridge: of the inks, relative.
         damping: of a step, relative.
-        furthest_mm: no corner moves further at once.
+        furthest_mm: largest motion of a corner in one step.
         gate_white, gate_red: white over ground in green and red, and red over blue, at the points of the gate.
         least_pattern: squares whose pattern explains less are not moved.
-        shadow_ratio: least ratio of the lights on a square for a shadow to end on it.
+        shadow_ratio: least ratio of the lights on a square with a shadow's edge.
         gate_border: white over border at the points of the gate.
-        first, moved: thresholds of squares as found, and of those that were moved.
+        first, moved: thresholds of original squares, and of moved ones.
     """
 
     full_detail_px: float
@@ -146,23 +147,23 @@ class ScreenRules(NamedTuple):
 
 
 class Screened(NamedTuple):
-    """(N,4,2) corners, px, and (N,) the share of what a framed square leaves unexplained that rings and triangle
-    explain; 0 where a threshold is not reached, -1 where the square is misshapen, fails at the gate, or was there
-    before."""
+    """(N,4,2) corners, px, and (N,) the share of a framed square's residual energy that rings and triangle
+    explain; 0 if a threshold is not reached, -1 if the square is misshapen, fails at the gate, or is a
+    duplicate."""
 
     quads: FloatArray
     pattern: FloatArray
 
 
 class Shares(NamedTuple):
-    """Shares that the pattern must explain for a square to be moved, and for a moved one to be kept."""
+    """Least shares explained by the pattern for a square to be moved, and for a moved one to be kept."""
 
     found: float
     moved: float
 
 
 class Likely(NamedTuple):
-    """(N,) pattern of all squares as they were found; (M,4,2) those that look like landmarks, moved, best first."""
+    """(N,) pattern of all original squares; (M,4,2) moved squares that look like landmarks, best first."""
 
     pattern: FloatArray
     quads: FloatArray
@@ -181,7 +182,7 @@ class Screening:
 
     Attributes:
         tables: data of the family.
-        rules: figures of the screening.
+        rules: parameters of the screening.
     """
 
     def __init__(self, tables: ScreenTables, rules: ScreenRules) -> None:
@@ -195,10 +196,10 @@ class Screening:
         )
 
     def screen(self, pyramid: Pyramid, quads: FloatArray, rounds: int, window: int = 0) -> Screened:
-        """Squares (N,4,2), clockwise, moved ``rounds`` times and scored.
+        """Move squares (N,4,2), clockwise, ``rounds`` times, and score them.
 
-        With a ``window`` (points of the grid), values are divided by the white around them, and squares on which no
-        shadow ends score 0.
+        With a ``window`` (points of the grid), values are divided by the white around them, and squares without
+        a shadow's edge score 0.
         """
         kernel = _kernel()
         if kernel is None:
@@ -210,7 +211,7 @@ class Screening:
         return Screened(quads, pattern)
 
     def likely(self, pyramid: Pyramid, quads: FloatArray, shares: Shares, rounds: int, window: int = 0) -> Likely:
-        """Squares (N,4,2) screened; the best of every place moved; the best of those, one of a place and size.
+        """Screen squares (N,4,2), move the best of every place, and return the best of these, one per place and size.
 
         Args:
             rounds: steps of the moves.
@@ -295,7 +296,7 @@ def likely_numpy(
 def best_first_numpy(squares: Screened, at_least: float, per_place: int) -> FloatArray:
     """(M,4,2) squares above a share, in falling order, at most ``per_place`` of the same place and size.
 
-    Shares of one step of `SAME_SHARE` are the same, and the earlier square stands first.
+    Shares in the same step of `SAME_SHARE` are equal, and the earlier square comes first.
     """
     kept: list[tuple[FloatArray, float]] = []
     chosen: list[int] = []
@@ -346,13 +347,13 @@ def _screen_one(
         quad[:] = _aligned(samples, colors, tables, design, rules, H)
         if not _well_shaped(quad):
             return 0.0
-        # Where it hardly moves, one more look scores it.
+        # If it hardly moves, one more sampling scores it.
         still = float(np.abs(quad - before).max()) < STILL * side
     return pattern
 
 
 def _has_duplicate(quad: FloatArray, earlier: FloatArray) -> bool:
-    """Does one of the earlier squares have the same corners, from whichever corner on?"""
+    """Whether one of the earlier squares has the same corners, starting at any corner."""
     close = SAME * np.sqrt(abs(_area(quad)))
     turned = [np.roll(earlier, turn, axis=1) for turn in range(4)]
     return any(bool((np.abs(some - quad).max(axis=(1, 2)) < close).any()) for some in turned)
@@ -394,7 +395,7 @@ def _aligned(
     flat = J.reshape(8, -1)
     normal = flat @ flat.T
     normal += (rules.damping * np.trace(normal) / 8 + 1e-12) * np.eye(8)
-    # The pattern moved by d shows T(u - d): the gradient works against the move.
+    # The pattern moved by d is T(u - d): the gradient has the opposite sign of the motion.
     step = -np.linalg.solve(normal, flat @ (samples - value).ravel()).reshape(4, 2)
     h = tables.half
     target = np.array([[-h, h], [h, h], [h, -h], [-h, -h]]) + np.clip(step, -rules.furthest_mm, rules.furthest_mm)
@@ -420,7 +421,7 @@ def _sample(pyramid: Pyramid, level: int, H: FloatArray, grid: FloatArray) -> Fl
 
 
 def _local_white(gray: FloatArray, window: int) -> FloatArray:
-    """The least of the largest values around every point."""
+    """Morphological closing: the minimum of the maxima around every point."""
     for sign in (1, -1):
         for axis in (0, 1):
             ends = [(window // 2, window // 2) if k == axis else (0, 0) for k in range(2)]
@@ -430,20 +431,20 @@ def _local_white(gray: FloatArray, window: int) -> FloatArray:
 
 
 def _gate(seen: FloatArray, rules: ScreenRules, window: int) -> float:
-    """1, or 0 where no shadow may end on the square, or -1 where it is no landmark."""
+    """1; 0 if there is no shadow's edge on the square; -1 if it is not a landmark."""
     inks = seen.reshape(3, -1, 3).mean(axis=1)
-    # The ground is blue: green and red tell it from white.
+    # The ground is blue: green and red distinguish it from white.
     over_border = inks[0].sum() > rules.gate_border * inks[1].sum()
     over_ground = inks[0, 1:].sum() > rules.gate_white * inks[2, 1:].sum()
     if not (over_border and over_ground and red_over_blue_numpy(inks) > rules.gate_red):
         return -1.0
-    # A shadow that ends on the landmark ends on its margin.
+    # A shadow's edge on the landmark also crosses its margin.
     margin = seen[: len(seen) // 3].sum(axis=1)
     return float(window == 0 or margin.max() > rules.shadow_ratio * margin.min())
 
 
 def red_over_blue_numpy(inks: FloatArray) -> float:
-    """How much redder the border is than the ground: a log ratio, relative to the white.
+    """Log ratio of red over blue between border and ground, relative to the white.
 
     Args:
         inks: (3 or 4,3) linear-light BGR of white, red, blue.

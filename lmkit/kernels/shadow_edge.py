@@ -20,7 +20,7 @@ _WORKSPACE = Workspace()
 
 
 def shadow_direction(at: FloatArray, values: FloatArray, weights: FloatArray, normals: FloatArray) -> int:
-    """Number of the direction across which some edge separates the values best (Otsu 1979).
+    """Index of the direction across which an edge separates the values best (Otsu 1979).
 
     Args:
         at: (N,2) positions.
@@ -49,7 +49,7 @@ def shadow_direction_numpy(at: FloatArray, values: FloatArray, weights: FloatArr
         before, behind = weight.cumsum()[:-1], weight.sum() - weight.cumsum()[:-1]
         sums, whole = total.cumsum()[:-1], total.sum()
         used = (before > 0) & (behind > 1e-9 * weight.sum())
-        # Between-class variance, up to what no split changes.
+        # Between-class variance, up to terms independent of the split.
         between = sums[used] ** 2 / before[used] + (whole - sums[used]) ** 2 / behind[used]
         best.append(between.max(initial=-1.0))
     return int(np.argmax(best))

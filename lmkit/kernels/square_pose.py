@@ -70,7 +70,7 @@ def square_poses_numpy(rays: Array, sizes: Array) -> tuple[Array, Array, Array]:
 
 
 def _center(rays: Array, sizes: Array) -> tuple[Array, Array]:
-    """(N,2) ray of the square's center, and (N,2,2) its derivative with a place on the square (Heckbert 1989)."""
+    """(N,2) ray of the square's center, and (N,2,2) its derivative by the position on the square (Heckbert 1989)."""
     q0, q1, q2, q3 = rays.transpose(1, 0, 2)
     d1, d2, s = q1 - q2, q3 - q2, q0 - q1 + q2 - q3
     determinant = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]

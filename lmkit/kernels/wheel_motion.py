@@ -1,6 +1,6 @@
 """Planar motions between times from rows of wheel odometry, for several sets of its errors.
 
-A row drives along a chord at the heading in its middle; between rows the path is straight.
+Each row is a chord at the heading of its midpoint; between rows the path is straight.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class WheelRows:
     """N rows of odometry, as arrays (N,).
 
     Attributes:
-        times: seconds, growing.
-        forward, turn: since the row before, meters and radians.
-        seconds: since the row before.
-        rate: of the turn, without sign, rad/s.
+        times: seconds, increasing.
+        forward, turn: since the previous row, meters and radians.
+        seconds: since the previous row.
+        rate: absolute yaw rate, rad/s.
     """
 
     times: Array
@@ -90,12 +90,12 @@ def wheel_motions_numpy(rows: WheelRows, at: Array, parameters: Array) -> Array:
 
 
 class Moves(NamedTuple):
-    """Moves of parameters for derivatives, and what a gap is.
+    """Steps of parameters for derivatives, and the definition of a gap.
 
     Attributes:
         steps: of each parameter but the delay.
         delay_span_s: of the delay, to both sides.
-        longest_step_s: time between rows beyond which nothing is known between them.
+        longest_step_s: longest interval between rows; longer intervals are gaps without information.
     """
 
     steps: tuple[float, float, float, float, float]
@@ -150,7 +150,7 @@ def wheel_steps_numpy(rows: WheelRows, at: Array, parameters: Array, moves: Move
     by_parameters[:, :, -1] = (motions[count] - motions[count + 1]) / (2 * moves.delay_span_s)
     own = at - parameters[-1]
     outside = np.minimum(own, rows.times[0]) + np.maximum(own, rows.times[-1])
-    # A row after a gap tells what was traveled in it, but not when.
+    # A row after a gap has the distance traveled in it, but not the times.
     gaps = np.where(rows.seconds > moves.longest_step_s, rows.seconds, 0.0)
     totals = np.cumsum([np.abs(rows.forward), np.abs(rows.turn), gaps], axis=1)
     growing = np.array([at, *(np.interp(own, rows.times, total) for total in totals), outside])
