@@ -28,7 +28,7 @@ LOSS_WIDTH = 3.0  # standard deviations at which the Cauchy loss halves its weig
 
 
 def _warp_shapes(object_points: FloatArray) -> FloatArray:
-    """(N,2) how far a bow along each axis of the board lifts its points: parabolas, 1 at the center, 0 at the rim."""
+    """(N,2) displacement of the board's points by a bow along each axis: parabolas, 1 at the center, 0 at the rim."""
     middle = (object_points.max(axis=0) + object_points.min(axis=0)) / 2
     half = np.maximum((object_points.max(axis=0) - object_points.min(axis=0)) / 2, 1e-9)
     scaled = (object_points - middle)[:, :2] / half[:2]
@@ -36,7 +36,7 @@ def _warp_shapes(object_points: FloatArray) -> FloatArray:
 
 
 class CameraCorners:
-    """Corners that one camera observed in all pairs, end to end."""
+    """Corners that one camera observed in all pairs, concatenated."""
 
     def __init__(
         self, seen: Sequence[tuple[IntArray, FloatArray]], object_points: FloatArray, sigma: FloatArray

@@ -42,8 +42,9 @@ class RigCheck:
         epipolar_px, reprojection_px: mean errors of the new corners in the old rig.
         moved_epipolar_px, moved_reprojection_px: on held-out pairs, with the relative pose fitted again.
         lenses_reprojection_px: the same with the intrinsics fitted as well; None if the views do not determine them.
-        turn_deg, turn_sigma_deg: (3,) how far the right camera has turned about its own x, y and z axis.
-        shift_mm, shift_sigma_mm: (3,) how far the left camera's center has moved in the right camera's frame.
+        turn_deg, turn_sigma_deg: (3,) rotation of the right camera about its own x, y and z axis since the
+            calibration.
+        shift_mm, shift_sigma_mm: (3,) shift of the left camera's center in the right camera's frame.
         focal_change: relative change of the left and right focal length, where the state is ``lenses``.
         used: pairs that were used.
         contradicted: pairs whose corners fit neither rig.
@@ -83,7 +84,7 @@ def check_rig(rig: StereoRig, object_points: FloatArray, views: Sequence[PairVie
 
     Args:
         object_points: (N,3) of the board, meters; of landmarks, the four corners of each size in use.
-        views: board or landmark in both cameras, each with a pose of its own.
+        views: board or landmark in both cameras, each view with its own pose.
         lenses: whether the views determine the intrinsics and the board's bow (those of a board do, those of
             landmarks do not).
 

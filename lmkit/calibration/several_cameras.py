@@ -123,10 +123,10 @@ def _pairs(seen: Sequence[Seen]) -> Pairs:
 def _start(
     models: Sequence[CameraModel], poses: Sequence[Pose], seen: Sequence[Seen], board: BoardSpec
 ) -> tuple[RigSolution, list[CameraCorners], tuple[str, ...]]:
-    """Start of the joint adjustment, from what single cameras and pairs say; corners, and names of frames."""
+    """Initial values of the joint adjustment, from single cameras and pairs; corners, and names of frames."""
     frames: dict[str, tuple[FloatArray, FloatArray]] = {}
     for frame in sorted(set().union(*seen)):
-        # The camera that sees most of the board says where it is.
+        # The camera that sees most of the board gives its pose.
         k = max(range(len(seen)), key=lambda k: len(seen[k][frame].ids) if frame in seen[k] else 0)
         found = board_poses(models[k], board.object_points[seen[k][frame].ids], seen[k][frame].image_points)
         if found:

@@ -66,7 +66,7 @@ def projection_uncertainty(
 
 
 def depth_errors(s: Solution, depths_m: tuple[float, ...] = DEPTHS_M) -> tuple[DepthError, ...]:
-    """How well the rig knows depth, straight ahead between its axes; see :class:`DepthError`."""
+    """Depth errors of the rig, straight ahead between its optical axes; see :class:`DepthError`."""
     assert s.covariance is not None
     nl, nr = len(intrinsics_vector(s.left)), len(intrinsics_vector(s.right))
     shared = s.covariance[: nl + nr + POSE, : nl + nr + POSE]

@@ -63,10 +63,10 @@ def calibrate_base(
     as_json: bool,
     force: bool,
 ) -> None:
-    """Find the cameras' places by a recording in a mapped room; write the rig and print.
+    """Find the cameras' poses on the robot from a recording in a mapped room; write the rig and print the result.
 
     Raises:
-        InputError: rig or map is missing, or the recording does not show the places.
+        InputError: rig or map is missing, or the recording does not determine the poses.
     """
     from dataclasses import replace
 
@@ -78,7 +78,7 @@ def calibrate_base(
 
     height_m = None if height is None else parse_meters(height, "--height")
     cameras, landmarks = _rig_and_map("--base", rig, landmark_map)
-    # The place is to be found; to read wheel odometry any will do.
+    # The pose is unknown; any pose suffices to read wheel odometry.
     anywhere = replace(cameras, T_base_left=Pose.identity("base", "left"))
     recording = read_recording_folder(folder, anywhere, landmarks.families or (family,))
     found = find(recording, cameras, landmarks, height=height_m)
@@ -94,7 +94,7 @@ def calibrate_clocks(
     as_json: bool,
     force: bool,
 ) -> None:
-    """Find the time offsets of the cameras by a recording in a mapped room; write the rig and print.
+    """Find the time offsets of the cameras from a recording in a mapped room; write the rig and print the result.
 
     Raises:
         InputError: rig or map is missing, or a camera saw nothing of the map.
@@ -116,7 +116,7 @@ def _rig_and_map(option: str, rig: Path | None, landmark_map: Path | None) -> tu
 
 
 def _write(rig: AnyRig, output: Path | None, force: bool, answer: dict[str, Any] | list[str]) -> None:
-    """Write the rig, and print the answer: JSON, or lines of text."""
+    """Write the rig, and print the result: JSON, or lines of text."""
     from lmkit.io.rig import rig_to_yaml
 
     written = write_outputs({output: rig_to_yaml(rig)}, force)

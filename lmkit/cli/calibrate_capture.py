@@ -57,7 +57,7 @@ def capture_pairs(
                     print_line(f"kept {name} ({count}); next: {missing[0] if missing else 'complete'}")
             status.show(f"{len(found.corners.views)} kept | {looked.judgment.words} | next: {', '.join(missing[:1])}")
     except KeyboardInterrupt:
-        pass  # the user ends the capture; what was kept is calibrated
+        pass  # the user ends the capture; the kept pairs are calibrated
     status.clear()
     if missing and not quiet:
         print_line(f"ended before the views were complete; missing: {'; '.join(missing)}")

@@ -1,4 +1,4 @@
-"""`lmkit calibrate --check`: does a rig file still hold?"""
+"""`lmkit calibrate --check`: whether a rig file is still valid."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _check_videos(old: StereoRig, left: str, right: str | None, spec: BoardSpec 
     """Compare with a board in two videos, or in images that show both cameras side by side.
 
     Raises:
-        InputError: no board is named; landmarks are looked for in images alone.
+        InputError: no board is named; landmarks are searched in images only.
     """
     from lmkit.calibration.rig_check import check_rig
     from lmkit.cli.calibrate_capture import capture_pairs

@@ -28,7 +28,7 @@ def both_sources(left: str | None, right: str | None) -> tuple[str, str]:
 
 
 def without_split(sources: Sequence[str], side_by_side: bool) -> tuple[list[str], bool]:
-    """The sources, of one ``split:SOURCE`` the source itself; and whether each image shows two cameras."""
+    """The sources, or the single source of ``split:SOURCE``; and whether each image shows two cameras."""
     from lmkit.io.image_groups import SPLIT
 
     if len(sources) == 1 and sources[0].startswith(SPLIT):
@@ -37,7 +37,7 @@ def without_split(sources: Sequence[str], side_by_side: bool) -> tuple[list[str]
 
 
 def written_lines(written: Sequence[Path], output: Path | None) -> list[str]:
-    """The files written, and that the rig is in none of them where no file was named for it."""
+    """Lines about the written files, and about a rig for which no file was given."""
     lines = [f"wrote                  {path}" for path in written]
     return lines if output is not None else [*lines, "not written            the rig; add -o rig.yaml to keep it"]
 

@@ -1,6 +1,6 @@
-"""A command that refuses what the parser would take silently: an option given twice, an output named as another kind.
+"""A command that refuses mistakes that the parser accepts: an option given twice, an output with a wrong suffix.
 
-A file named as another kind of file is seldom meant, and may be the image itself that the command reads.
+An output with the suffix of another kind is usually a mistake, and may be the input image of the command.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ OUTPUTS = {
     "convert --output": (*_YAML, ".xml", ".bag", ".mcap"),
     "report --output": _HTML,
 }
-# What is read and written again as the same kind of file, with --force.
+# Files that are read and written again as the same kind, with --force.
 IN_PLACE = (
     {"--known", "--output"},
     {"--map", "--output"},
@@ -50,7 +50,7 @@ FOLDERS = ("Folder", "Recording folder", "Project folder", "With --capture: fold
 
 
 class CheckedOptions(TyperCommand):
-    """A command each of whose options is given once, but for flags and repeatable ones."""
+    """A command whose options are given at most once, except flags and repeatable options."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -58,18 +58,18 @@ class CheckedOptions(TyperCommand):
             name_value(option)
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Options and arguments, those of the parser among them."""
+        """Options and arguments, including the parser's own."""
         return taken_plainly(super().get_params(ctx))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Arguments of the usage line: ``FILE`` where one is needed, ``[FILE]`` where not."""
+        """Arguments of the usage line: ``FILE`` if required, else ``[FILE]``."""
         return [piece.strip("{").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse as typer does.
 
         Raises:
-            InputError: an option stands twice, an output has the suffix of another kind of file, or is a file of
+            InputError: an option is given twice, an output has the suffix of another kind of file, or is a file of
                 another kind that the command reads.
         """
         values, _, order = self.make_parser(ctx).parse_args(list(args))
@@ -79,7 +79,7 @@ class CheckedOptions(TyperCommand):
             if count > 1 and takes_one:
                 hint = _TWICE.get(option.opts[0], "give it once")
                 raise InputError("given_twice", f"{option.opts[0]} is given twice", hint)
-            # Said before the parser asks for an option that is missing.
+            # Reported before the parser reports a missing option.
             _check_suffix(command, max(option.opts, key=len), values.get(option.name))
         rest = super().parse_args(ctx, args)
         paths: dict[Path, str] = {}

@@ -1,6 +1,6 @@
 """Names and summaries of the commands, and the list of them that `lmkit --help` prints, without typer.
 
-Importing typer takes three times as long as everything else of `lmkit --help`.
+Importing typer takes three times as long as the rest of `lmkit --help`.
 """
 
 from __future__ import annotations

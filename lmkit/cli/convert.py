@@ -96,10 +96,10 @@ def run(
 
 
 def _require_no_map(source: Path, to: str) -> None:
-    """Refuse a map where a rig is to be written.
+    """Refuse a map if a rig is to be written.
 
     Raises:
-        InputError: it is one.
+        InputError: the file is a map.
     """
     from lmkit.io.document_head import head_of
     from lmkit.io.documents import read_text

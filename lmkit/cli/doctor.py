@@ -1,4 +1,4 @@
-"""`lmkit doctor`: is this installation sound?"""
+"""`lmkit doctor`: check of this installation."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def detect(
 
 
 def detect_options(family: str, hz: float | None, max_bytes: int | None = None) -> dict[str, Any]:
-    """Everything that detections depend on.
+    """All options that affect detections.
 
     Raises:
         InputError: an unknown family.

@@ -1,4 +1,4 @@
-"""Statements of the user before a calibration: baseline, field of view, known lenses and how well they are known."""
+"""Statements of the user before a calibration: baseline, field of view, known lenses and their uncertainty."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def parse_declared(
     left, right = read_two_cameras(intrinsics)
     if sigma is None:
         return Declared(baseline_m, fov, (left.model, right.model))
-    # One file's cameras were fitted together, and it does not hold their correlations with each other.
+    # Cameras of one file were fitted together, but the file does not contain their correlations.
     together = 2 if len(intrinsics) == 1 else 1
     covariances = _covariance(left, sigma, together), _covariance(right, sigma, together)
     return Declared(baseline_m, fov, (left.model, right.model), covariances)

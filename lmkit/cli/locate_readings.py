@@ -49,7 +49,7 @@ def locate_readings(
             print_json(planar_dict(estimate, path, time_s - time_offset))
         else:
             print_line(f"{time_s - time_offset:g} s: {planar_line(estimate)}")
-    # Of most frames at once, a contradiction has one cause.
+    # A contradiction in most frames has one common cause.
     cause = find_readings_cause(list(frames.values()), landmarks, noise) if contradicted > located else None
     if located == 0:
         landmarks.require_any(reading.id for seen in frames.values() for reading in seen)

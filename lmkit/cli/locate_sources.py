@@ -1,4 +1,4 @@
-"""Images and frame that `lmkit locate` was asked for."""
+"""Images and frame given to `lmkit locate`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 def require_sources(images: list[str], mono: str | None) -> None:
-    """Refuse no images, and more than the one source that --mono takes.
+    """Refuse missing images, and more than one source with --mono.
 
     Raises:
-        InputError: not the images that were meant.
+        InputError: no images, or too many sources.
     """
     if mono is not None and mono.startswith("-"):
         found = images[0] if images else "IMAGE"
@@ -29,7 +29,7 @@ def require_sources(images: list[str], mono: str | None) -> None:
 
 
 def source_groups(images: list[str], mono: str | None, rig: AnyRig) -> list[list[str]]:
-    """Sources that belong together: one per camera; with a rig of one camera every source stands for itself."""
+    """Sources that belong together: one per camera; with a rig of one camera every source is separate."""
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.io.image_groups import require_image_of_each
 
@@ -58,7 +58,7 @@ def require_frame(frame: str, rig: AnyRig, path: Path) -> None:
 
 
 def warn_of_clocks(groups: list[list[str]], rig: AnyRig) -> None:
-    """Say that single images of cameras that do not expose together locate a rig that stands still only."""
+    """Warn that single images of unsynchronized cameras locate only a stationary rig."""
     from lmkit.geometry.rig import mounted_cameras
     from lmkit.mapping.carried_cameras import TOGETHER_S
 

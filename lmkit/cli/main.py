@@ -12,13 +12,13 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-# Small matrices many times over: threads of the linear algebra library cost more than they bring.
+# For many small matrices, threads of the linear algebra library cost more time than they save.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
-# What goes wrong is reported in lmkit's own words; OpenCV and its FFmpeg would print theirs on stderr as well.
+# Errors are reported in lmkit's own messages; OpenCV and FFmpeg would also print theirs on stderr.
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-# Plugins of pydantic are looked for in all packages installed; lmkit needs none.
+# Pydantic searches all installed packages for plugins; lmkit needs none.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from lmkit.cli.commands import COMMANDS, list_of_commands
@@ -36,7 +36,7 @@ GARBAGE_AFTER = 20_000  # new containers; imports leave no garbage, and the sear
 
 
 def __getattr__(name: str) -> typer.Typer:
-    """``app``, the whole command line, built when it is asked for."""
+    """``app``, the whole command line, built on first access."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from lmkit.cli.app import build_app
@@ -51,18 +51,18 @@ def main() -> None:
     open_standard_streams()
     signal.signal(signal.SIGTERM, _terminate)
     debug = "--debug" in sys.argv
-    # `--debug` may stand anywhere.
+    # `--debug` may be at any position.
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     sys.exit(guarded(lambda: run_arguments(arguments), debug))
 
 
 def _terminate(*_: object) -> None:
-    """End on SIGTERM as on Ctrl-C, so that partial files and workers do not stay behind."""
+    """End on SIGTERM as on Ctrl-C, so that no partial files and workers remain."""
     raise KeyboardInterrupt
 
 
 def open_standard_streams() -> None:
-    """Stand-ins for standard streams that are closed: the next file opened would take their place."""
+    """Replacements for closed standard streams, whose descriptors the next opened file would get."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -71,7 +71,7 @@ def open_standard_streams() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, PTH123
-    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files need not be text; JSON escapes them alike
+    if isinstance(sys.stdout, io.TextIOWrapper):  # file names may be undecodable; they are escaped as in JSON
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
@@ -90,7 +90,7 @@ def run_arguments(arguments: Sequence[str]) -> Any:
     try:
         return build_app(names)(arguments, prog_name="lmkit", standalone_mode=False)
     except typer.Abort as abort:
-        if isinstance(abort.__context__, EOFError):  # typer takes every end of a file for the end of a dialog
+        if isinstance(abort.__context__, EOFError):  # typer treats every end of a file as the end of a dialog
             raise abort.__context__ from None
         raise KeyboardInterrupt from None
 
@@ -103,7 +103,7 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
             warnings.formatwarning = _one_line
             result = run()
         sys.stdout.flush()
-        # Without its own exit, typer hands back the code of typer.Exit, and of an interruption.
+        # Not in standalone mode, typer returns the code of typer.Exit, and of an interruption.
         code = result if isinstance(result, int) else 0
         return _report("interrupted", "", code, False) if code == EXIT_INTERRUPTED else code
     except LmkitError as error:
@@ -111,11 +111,11 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
     except KeyboardInterrupt:
         return _report("interrupted", "", EXIT_INTERRUPTED, False)
     except BrokenPipeError:
-        # The reader of our output has closed it, as `head` does.
+        # The reader of the output has closed it, as `head` does.
         _forget_output()
         return 0
     except SystemExit as stop:
-        # Typer ends so where the reader of our output has closed it.
+        # Typer ends this way if the reader of the output has closed it.
         if type(sys.stdout).__name__ != "PacifyFlushWrapper":
             raise
         _forget_output()
@@ -139,7 +139,7 @@ def guarded(run: Callable[[], Any], debug: bool) -> int:
 
 
 def _forget_output() -> None:
-    """Send what is still buffered for standard output nowhere, so that the interpreter's end says nothing of it."""
+    """Discard buffered standard output, so that the interpreter reports no error at exit."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

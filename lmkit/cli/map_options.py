@@ -1,4 +1,4 @@
-"""Options about maps: family and size of markers in those of other programs, and maps that are known beforehand."""
+"""Options about maps: family and size of markers in those of other programs, and known maps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KeepDoubtful = Annotated[
 
 
 def read_mounted_map(path: Path) -> LandmarkMap:
-    """The map for a command whose own --family and --size are those of landmarks to mount or to find.
+    """The map for a command whose --family and --size describe landmarks to mount or to find.
 
     Raises:
         InputError: not readable, or family or size are missing: the hint says how to convert the file.
@@ -46,7 +46,7 @@ def read_map_file(path: Path, family: str | None, size: str | None) -> LandmarkM
     """The map of a file of lmkit or another program.
 
     Raises:
-        InputError: not readable, or family or size are given and the file says them otherwise.
+        InputError: not readable, or family or size differ from the file.
     """
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.marker_maps import MarkerDefaults

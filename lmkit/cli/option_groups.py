@@ -1,4 +1,4 @@
-"""Options that several commands share as a block: a parameter whose type is such a group stands for its options."""
+"""Groups of options common to several commands: a parameter of such a type stands for the options of the group."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lmkit.cli import options
 
 @dataclass(frozen=True)
 class DrawnFloorOptions:
-    """How a floor plan that is a drawing or an image becomes walls."""
+    """Options for reading walls from a drawing or an image of a floor plan."""
 
     scale: options.Scale = None
     islands: options.Islands = "obstacles"
@@ -26,7 +26,7 @@ PLAIN = DrawnFloorOptions()
 
 
 def with_groups(run: Callable[..., None]) -> Callable[..., None]:
-    """The command as the parser takes it: each parameter that is a group is replaced by the fields of the group."""
+    """The command for the parser: each parameter that is a group is replaced by the fields of the group."""
     hints: dict[str, Any] = get_type_hints(run, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
     if not groups:

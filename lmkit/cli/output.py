@@ -36,13 +36,13 @@ def warn(text: str) -> None:
 
 
 def warn_all(texts: Iterable[str], spared: Collection[str] = ()) -> None:
-    """Print warnings on stderr, but for those that were printed before."""
+    """Print warnings on stderr, except repeated ones."""
     for text in texts:
         if text not in spared:
             warn(text)
 
 
-# With LMKIT_PROGRESS=lines, progress is written as JSON lines that begin so; `lmkit web` reads them.
+# Prefix of the JSON lines of progress with LMKIT_PROGRESS=lines; `lmkit web` reads them.
 PROGRESS_LINE = "\x1eprogress "
 LEAST_APART_S = 0.1
 
@@ -61,7 +61,7 @@ class ProgressBars:
             from rich.console import Console
             from rich.progress import Progress
 
-            # Rich would send redirected stdout to its own console, so to stderr.
+            # Rich would redirect stdout to its own console, which is stderr.
             to_terminal = sys.stdout.isatty()
             self._progress = Progress(console=Console(stderr=True), transient=True, redirect_stdout=to_terminal)
             self._progress.start()
@@ -72,7 +72,7 @@ class ProgressBars:
             self._progress.stop()
 
     def update(self, step: str, done: int, total: int | None) -> None:
-        """Show how many of a step's items are done; ``total`` is None if it is not known."""
+        """Show the number of finished items of a step; ``total`` is None if unknown."""
         if self._lines and (done in (0, total) or time.monotonic() - self._written_s > LEAST_APART_S):
             self._written_s = time.monotonic()
             sys.stderr.write(f"{PROGRESS_LINE}{json.dumps({'step': step, 'done': done, 'total': total})}\n")
@@ -98,13 +98,13 @@ def progress(items: Iterable[Item], total: int | None, step: str) -> Iterator[It
 
 
 def require_no(option: str, others: Mapping[str, object]) -> None:
-    """Refuse options that would be ignored beside another one.
+    """Refuse options that would be ignored together with another option.
 
     Args:
         others: values by option name; None means not given.
 
     Raises:
-        InputError: one of them was given.
+        InputError: one of these options was given.
     """
     for name, value in others.items():
         if value is not None:
@@ -130,7 +130,7 @@ def image_kind(path: Path) -> str:
 
 
 def write_outputs(contents: Mapping[Path | None, bytes | str], force: bool) -> list[Path]:
-    """Write the files that were asked for (None means not asked for), all or none; the paths written."""
+    """Write the requested files (None: not requested), all or none; returns the written paths."""
     from lmkit.io.files import write_files
 
     wanted = {path: content for path, content in contents.items() if path is not None}

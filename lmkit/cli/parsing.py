@@ -23,7 +23,7 @@ _HEADING = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*(?:(?:\+-|±)\s*(\d+(?:\.\d+)?))?
 
 
 def parse_noise(range_sigma: str | None, bearing_sigma: float | None) -> ReadingNoise:
-    """Noise of range and bearing readings; the defaults where an option is not given."""
+    """Noise of range and bearing readings; defaults for missing options."""
     from lmkit.localization.range_bearing_noise import ReadingNoise
 
     if bearing_sigma is not None and not 0 < bearing_sigma < 90:
@@ -138,7 +138,7 @@ def parse_meters(text: str, name: str) -> float:
 
 
 def require_rate(hz: float | None) -> None:
-    """Refuse a rate of frames that no camera has.
+    """Refuse implausible frame rates.
 
     Raises:
         InputError: it is not positive, or beyond 10 kHz.
@@ -148,7 +148,7 @@ def require_rate(hz: float | None) -> None:
 
 
 def require_dpi(dpi: float) -> None:
-    """Refuse resolutions that no print has.
+    """Refuse implausible print resolutions.
 
     Raises:
         InputError: outside 1 to 4800.

@@ -1,4 +1,4 @@
-"""Values of a command line that are taken as they stand: typer validates each of them with pydantic.
+"""Values of a command line without typer's validation, which uses pydantic.
 
 Loading pydantic takes a quarter of `lmkit detect`.
 """
@@ -21,17 +21,17 @@ class PlainGroup(TyperGroup):
     """The group of all commands, whose own options are flags."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Options, those of the parser among them."""
+        """Options, including the parser's own."""
         return taken_plainly(super().get_params(ctx))
 
 
 @dataclass(frozen=True)
 class PlainValues:
-    """Conversion of the values of one option or argument: text and defaults here, all else by typer.
+    """Conversion of the values of one option or argument: text and defaults here, other values by typer.
 
     Attributes:
-        kind: of each value; None where typer converts all of them.
-        option: of typer.
+        kind: type of each value; None if typer converts all of them.
+        option: typer's option.
     """
 
     kind: type | None
@@ -49,9 +49,9 @@ class PlainValues:
         return converted if several else converted[0]
 
     def _is_plain(self, value: Any) -> bool:
-        if self.kind is Path:  # an unreadable file is for typer to refuse
+        if self.kind is Path:  # typer refuses an unreadable file
             return isinstance(value, str | Path) and (os.access(value, os.R_OK) or not Path(value).exists())
-        return type(value) is self.kind  # numbers of the command line are text yet
+        return type(value) is self.kind  # numbers of the command line are still text
 
 
 def taken_plainly(options: list[Any]) -> list[Any]:

@@ -1,4 +1,4 @@
-"""`lmkit plan coverage`: the pose error to expect at every place of a floor."""
+"""`lmkit plan coverage`: the expected pose error at every place of a floor."""
 
 from __future__ import annotations
 

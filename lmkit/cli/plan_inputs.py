@@ -14,14 +14,16 @@ if TYPE_CHECKING:
     from lmkit.model.floor_plan import FloorPlan
     from lmkit.model.landmark_map import LandmarkMap
 
-SMALL_FLOOR_M2 = 2.0  # of a robot's floor; a smaller one has the wrong scale, such as millimeters for meters
+SMALL_FLOOR_M2 = (
+    2.0  # smallest plausible floor of a robot; a smaller one has the wrong scale, such as millimeters for meters
+)
 
 
 def read_mounted_rig(path: Path, camera_height: str | None) -> AnyRig:
     """Read a rig that has its pose on the robot.
 
     Raises:
-        InputError: neither the file nor the option says how high the camera is.
+        InputError: neither the file nor the option has the camera's height.
     """
     from lmkit.cli.parsing import parse_meters
     from lmkit.geometry.stereo_rig import mounted_ahead
@@ -78,7 +80,7 @@ def read_room(room: str | None, floor: Path | None, options: DrawnFloorOptions) 
 
 
 def warn_of_landmarks_off(ground: FloorPlan, landmarks: LandmarkMap, floor: Path, landmark_map: Path) -> None:
-    """Warn of landmarks that no place of the floor sees, such as those of a map of another building."""
+    """Warn of landmarks that are not visible from the floor, such as those of another building's map."""
     from lmkit.cli.output import warn
     from lmkit.model.landmark_id import ids_text
     from lmkit.model.map_checks import landmarks_off

@@ -1,4 +1,4 @@
-"""`lmkit plan sheet`: printable sheets for mounting, a room each."""
+"""`lmkit plan sheet`: printable sheets for mounting, one per room."""
 
 from __future__ import annotations
 

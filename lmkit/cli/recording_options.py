@@ -31,10 +31,10 @@ class RecordingOptions:
     hz: float | None
 
     def in_folder(self, rig: AnyRig) -> RecordingOptions:
-        """The files of a recording folder, where that is the only source.
+        """The files of a recording folder, if this is the only source.
 
         Raises:
-            InputError: options name files that the folder holds.
+            InputError: options name files that the folder contains.
         """
         from lmkit.geometry.rig import mounted_cameras
         from lmkit.pipelines.recording_folder import image_files, is_recording_folder, motion_files

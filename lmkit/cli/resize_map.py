@@ -15,7 +15,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.units import parse_two_lengths_mm
 
 PRINTS = (".pdf", ".png", ".svg")
-MOST_OFF = 0.2  # of its size: a print that is fitted to another paper format is off by less
+MOST_OFF = 0.2  # largest relative error of a size: fitting to another paper format gives less
 
 
 def _require_measured_print(landmark: MappedLandmark, size_m: float) -> None:

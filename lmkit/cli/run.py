@@ -126,7 +126,7 @@ def _settings(sources: list[str], given: dict[str, Any]) -> RunSettings:
     if len(sources) > 1:
         raise InputError("not_together", "a run file and sources cannot be combined", "leave one of them out")
     filed = read_run_file(Path(sources[0]))
-    # Paths of options start here, those of the file beside it.
+    # Paths in options are relative to the working folder, paths in the file to the file's folder.
     here = {k: str(Path(str(v)).resolve()) if k in ("rig", "map", "record") else v for k, v in given.items()}
     return RunSettings(settings_of({**filed.values.model_dump(), **here}, filed.folder).values, filed.folder)
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def are_recordings(sources: Sequence[str], rig: AnyRig) -> bool:
-    """The sources are two or more recording folders, not the images of each camera.
+    """Whether the sources are two or more recording folders, not the images of each camera.
 
     Raises:
         InputError: some are, and others are not.
@@ -52,7 +52,7 @@ def survey_several(
     """Read the folders, survey them together, write and print.
 
     Args:
-        outputs: ``map`` and ``tum``, a trajectory of each recording beside that name.
+        outputs: ``map`` and ``tum``: path of the map, and path from which the name of each trajectory follows.
     """
     from lmkit.api.recordings import survey_recordings
     from lmkit.io.landmark_map import map_to_yaml
@@ -101,10 +101,10 @@ def survey_readings(
     """Read folders of readings, survey them together in the plane, write and print.
 
     Args:
-        outputs: as of :func:`survey_several`.
+        outputs: see :func:`survey_several`.
 
     Raises:
-        InputError: the sources are no folders of readings; those need a rig.
+        InputError: the sources are not folders of readings, so that a rig is needed.
     """
     from lmkit.io.landmark_map import map_to_yaml
     from lmkit.io.trajectory import poses_to_tum
@@ -141,7 +141,7 @@ def survey_readings(
 
 
 def given_once(folders: Sequence[str]) -> list[str]:
-    """The folders without those that are given again, which are named in a warning."""
+    """The folders without repeated ones, with a warning about these."""
     kept: dict[Path, str] = {}
     for folder in folders:
         if (place := Path(folder).resolve()) in kept:
@@ -151,6 +151,6 @@ def given_once(folders: Sequence[str]) -> list[str]:
 
 
 def recording_names(folders: Sequence[str]) -> list[str]:
-    """Names of recordings: the last part of their paths, or the whole path where two would have the same name."""
+    """Names of recordings: the last part of their paths, or the whole path if two names are equal."""
     last = [Path(folder).name for folder in folders]
     return last if len(set(last)) == len(last) else [str(Path(folder)) for folder in folders]

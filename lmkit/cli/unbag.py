@@ -1,4 +1,4 @@
-"""`lmkit unbag`: a recording out of a ROS bag, as files."""
+"""`lmkit unbag`: a recording from a ROS bag, as files."""
 
 from __future__ import annotations
 

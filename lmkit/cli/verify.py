@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lmkit.verification.prints import PrintedLandmark, VerifiedSheet
 
 
-MOST_IN_FULL = 4  # landmarks of a file that are listed with every line
+MOST_IN_FULL = 4  # largest number of landmarks of a file that are listed with every line
 
 
 def run(
@@ -103,7 +103,7 @@ def run(
 
 
 def _print_unread(path: Path, sheets: Sequence[VerifiedSheet], as_json: bool) -> list[str]:
-    """Print what should be on the sheets of a file and cannot be read; the sheets' names."""
+    """Print the landmarks that should be on the sheets of a file but cannot be read; returns the sheets' names."""
     unread: list[tuple[str, int | None]] = [(sheet.source, code) for sheet in sheets for code in sheet.missing]
     if not unread and not any(sheet.found for sheet in sheets):
         unread = [(str(path), None)]

@@ -1,4 +1,4 @@
-"""Sentences of the parser's errors, with what the user needs to know next."""
+"""Messages for the parser's errors, with a hint."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def wrong_use(error: Any) -> tuple[str, str, int]:
 
 
 def _problem(error: Any) -> str:
-    """The parser's sentence, with what a missing option is, or the options that write files in place of ``-o``."""
+    """The parser's message, with the meaning of a missing option, or the options that replace ``-o``."""
     sentence = str(error.format_message()).rstrip(".")
     if type(error).__name__ == "MissingParameter" and getattr(error.param, "help", None):
         return f"{sentence}: {error.param.help.rstrip('.')}"

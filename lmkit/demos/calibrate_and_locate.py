@@ -42,11 +42,11 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class StationError:
-    """How far the found pose of one stereo pair is off.
+    """Error of the estimated pose of one stereo pair.
 
     Attributes:
         ids: landmarks used.
-        position_mm, heading_deg, rotation_deg: None where no pose was found.
+        position_mm, heading_deg, rotation_deg: errors; None without a pose.
     """
 
     pair: str
@@ -70,7 +70,7 @@ def run_demo(folder: Path, seed: int, pairs: int, boards: int, landmarks: int, p
     """Run the loop and write everything into ``folder``.
 
     Args:
-        progress: called with the step's name, how much of it is done, and of how much.
+        progress: called with the step's name, the number of finished items and of all items.
     """
     data = make_dataset(seed, pairs, boards, landmarks, LM8)
     _print_sheets(folder, data)

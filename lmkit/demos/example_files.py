@@ -44,10 +44,10 @@ def write_example_files(
 ) -> list[Path]:
     """Write a simulated room as files: one stereo pair, a rig, a map, a floor plan, board images and a recording.
 
-    All is simulated: images with blur and noise, corners and odometry with errors as real ones have.
+    All files are simulated: images with blur and noise, corners and odometry with realistic errors.
 
     Args:
-        folder: is made where it is missing.
+        folder: created if missing.
         board_pairs: stereo pairs of a calibration board (``chessboard:9x6:25mm``), and a film of the same, in which
             the board rests at each place and both cameras are side by side.
         seconds: length of the recording, at 5 frames a second.

@@ -1,4 +1,4 @@
-"""A simulated robot with five cameras that share no view: its cameras placed by driving, then located and tracked.
+"""A simulated robot with five cameras that share no view: poses of cameras by driving, localization and tracking.
 
 Corners, wheels and gyro are simulated, not images.
 """
@@ -39,12 +39,12 @@ ROOM_M = (8.0, 5.0)
 
 @dataclass(frozen=True)
 class CameraError:
-    """Error of one camera's place on the robot.
+    """Error of one camera's pose on the robot.
 
     Attributes:
         name: of the camera.
-        place_mm, turn_deg: distance and angle from the true place.
-        sigma_mm, sigma_deg: stated, the root of the sum of the three variances.
+        place_mm, turn_deg: position and rotation error.
+        sigma_mm, sigma_deg: stated standard deviations, the root of the sum of three variances.
     """
 
     name: str
@@ -59,9 +59,9 @@ class RigDemo:
     """Errors of all steps.
 
     Attributes:
-        cameras: of the places found by driving.
-        located, frames: single frames of the second recording that were located, of how many.
-        locate_mm, locate_deg: root mean square errors of the base in those.
+        cameras: errors of the poses found by driving.
+        located, frames: number of located single frames of the second recording, and of all.
+        locate_mm, locate_deg: root mean square errors of the base in located frames.
         track_mm, track_deg: root mean square errors of the tracked base.
     """
 
@@ -102,7 +102,7 @@ def run_rig_demo(folder: Path, seed: int, count: int) -> RigDemo:
     first = make_drive(
         seed, CALIBRATION_S, count=count, rig=rig, eights=True, size_m=ROOM_M, errors=wheels, spins=SPINS
     )
-    # The places are to be found: what is given is the cameras' lenses and the height of the first.
+    # Unknown camera poses: only the lenses and the height of the first camera are given.
     lenses = Rig(tuple(MountedCamera(c.name, c.model, Pose.identity("camera", "left")) for c in rig.cameras))
     height_m = float(rig.T_base_left.t[2])
     motion = MotionModel(first.odometry, first.gyro)
@@ -168,7 +168,7 @@ def _error(found: Pose, true: Pose) -> tuple[float, float]:
 
 
 def _rms(errors: list[tuple[float, float]]) -> tuple[float, float]:
-    """Root mean squares, mm and deg; NaN of none."""
+    """Root mean squares, mm and deg; NaN without values."""
     if not errors:
         return float("nan"), float("nan")
     place, turn = np.sqrt(np.mean(np.square(errors), axis=0))

@@ -22,24 +22,24 @@ from lmkit.localization.correspondences import CORNER_FLOOR_PX
 from lmkit.simulation.robot_course import ROOM_M
 from lmkit.visualization.plan_view import BLUE, GREEN, Found, Polyline, draw_plan
 
-SHOWN = 8  # robots on the plan
-LENS_PX = CORNER_FLOOR_PX  # errors of lenses that calibration leaves, as the filter allows for
+SHOWN = 8  # number of robots on the plan
+LENS_PX = CORNER_FLOOR_PX  # errors of lenses after calibration, as assumed by the filter
 
 
 @dataclass(frozen=True)
 class LiveDemo:
-    """Figures of a live run.
+    """Results of a live run.
 
     Attributes:
-        steps, poses: of the loop; published.
-        step_hz: steps a second.
-        rate_hz: poses a second, from the first to the last.
+        steps, poses: number of steps of the loop, and of published poses.
+        step_hz: steps per second.
+        rate_hz: poses per second, from the first to the last.
         after_s: from the first step to the first pose.
         latency_ms: (50 %, 95 %) from the images to the end of the step.
         cpu_ms: of the process per step, decoding the images included.
         error_mm: (root mean square, largest) position error.
         error_deg: root mean square heading error.
-        nees: mean of x, y and heading together, over three; 1 is honest.
+        nees: mean NEES of x, y and heading, divided by three; 1 is consistent.
         statuses: steps by status.
     """
 
@@ -63,12 +63,12 @@ def run_live_demo(
     shown: Callable[[LiveState], None] | None = None,
     options: str = "size=640x480",
 ) -> LiveDemo | None:
-    """Run ``sim:`` live and write ``plan.png``; None where no pose was published.
+    """Run ``sim:`` live and write ``plan.png``; None if no pose was published.
 
-    Images are rendered before; lenses are off by as much as calibration leaves.
+    Images are rendered in advance; lenses have typical errors of a calibration.
 
     Args:
-        options: further ones of the source, such as ``size=1280x720&fps=20``.
+        options: further options of the source, such as ``size=1280x720&fps=20``.
     """
     source = f"sim:?seconds={seconds + 2:.0f}&seed={seed}&images=before&lens={LENS_PX}&{options}"
     run = open_run(settings_of({"sources": [source]}, Path()))
@@ -108,12 +108,12 @@ def run_live_demo(
 
 
 def _rate(states: list[LiveState]) -> float:
-    """States a second."""
+    """States per second."""
     return (len(states) - 1) / max(states[-1].time_s - states[0].time_s, 1e-3)
 
 
 def _plan(loop: LiveLoop, states: list[LiveState]) -> bytes:
-    """Truth, published places, and the robot with its ellipse from time to time."""
+    """Truth, published positions, and the robot with its ellipse at some times."""
     true = np.array([s.truth.t[:2] for s in states if s.truth is not None])
     believed = np.array([s.T_map_base.t[:2] for s in states if s.T_map_base is not None])
     lines = [Polyline(true, GREEN, "truth", 7), Polyline(believed, BLUE, "published", 3)]

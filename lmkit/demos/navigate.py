@@ -55,7 +55,7 @@ places:
 """
 LEGS = (("dock", "bench"), ("bench", "shelf"), ("shelf", "dock"))
 RADIUS_M = 0.25
-BOX_AT, BOX_RADIUS_M = (5.0, 3.45), 0.2  # in the way of the second leg, and on no plan
+BOX_AT, BOX_RADIUS_M = (5.0, 3.45), 0.2  # obstacle on the second leg, not on the plan
 PLACES = 6
 STRIP_WIDTH_PX = 480
 
@@ -64,7 +64,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Leg:
-    """One recording from place to place, and the truth at its end."""
+    """One leg between two places, and the true pose at its end."""
 
     name: str
     status: str
@@ -80,8 +80,8 @@ class NavigateResult:
     """Result of the demo.
 
     Attributes:
-        landmarks, share: placed, and the share of the floor at which the demand holds.
-        inside: how often the claimed 95 % ellipse held the truth.
+        landmarks, share: number of placed landmarks, and share of the floor that meets the requirement.
+        inside: share of steps with the truth inside the 95 % ellipse.
         images, located, image_error_mm: places photographed, located from detection, and their median error.
     """
 
@@ -95,10 +95,10 @@ class NavigateResult:
 
 
 def run_navigate_demo(folder: Path, seed: int, from_images: bool, tell: Progress) -> NavigateResult:
-    """Plan, print, drive three legs (a box stands in the way of the second), and write what happened.
+    """Plan, print, drive three legs (with a box on the second), and write the results.
 
     Args:
-        from_images: the robot's cameras take images, which the detector reads; else corners are simulated.
+        from_images: render the cameras' images for the detector; else simulate corners.
     """
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
     write_file(folder / "floor.yaml", FLOOR, True)
@@ -111,7 +111,7 @@ def run_navigate_demo(folder: Path, seed: int, from_images: bool, tell: Progress
     write_file(folder / "map.yaml", map_to_yaml(placement.landmarks), True)
     write_file(folder / "mounting.csv", mounting_csv(placement), True)
     coverage = predict_coverage(floor, list(placement.landmarks), rig, RADIUS_M)
-    # Simulated corners have no lens and no paper that the floor could stand for.
+    # Simulated corners have no errors of lens and paper, so the error floor is not needed.
     floor_px = CORNER_FLOOR_PX if from_images else 0.0
     scene = floor_scene(seed, floor, placement.landmarks)
     site = Site(floor, placement.landmarks, rig, RADIUS_M, demand, coverage, corner_floor_px=floor_px)
@@ -172,7 +172,7 @@ def _leg(name: str, journey: Journey, robot: SimulatedRobot, goal: Goal, truth: 
 def _photograph(
     seed: int, scene: Scene, landmarks: LandmarkMap, rig: StereoRig, truth: Sequence[FloatArray], tell: Progress
 ) -> tuple[ByteArray, int, list[float]]:
-    """Images along the way, read and located: the video strip, how many were located, and their errors in mm."""
+    """Images along the way, located from detection: the video strip, the number located, and errors in mm."""
     cameras = RenderedCameras(scene, rig, seed)
     frames, off_mm = [], []
     rows = np.linspace(0, len(truth) - 1, PLACES + 2).astype(int)[1:-1]

@@ -1,4 +1,4 @@
-"""A simulated recording: the map from its first half, the robot through that map in its second."""
+"""A simulated recording: the map is surveyed from the first half, and the robot is tracked in the second half."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class DriveErrors:
     """Root mean squares.
 
     Attributes:
-        landmarks, contradicted: surveyed, and named as contradictory.
-        map_mm, map_deg: of the surveyed landmarks.
-        smooth_mm, smooth_deg: of the robot, followed by images after the recording.
-        live_mm, live_deg: by ranges and bearings while driving, in the plane; None: never sure where.
-        wheels_mm: where the wheels alone end.
+        landmarks, contradicted: number of surveyed landmarks, and of contradicted ones.
+        map_mm, map_deg: errors of the surveyed landmarks.
+        smooth_mm, smooth_deg: errors of the robot, tracked with images after the recording.
+        live_mm, live_deg: errors with ranges and bearings while driving, in the plane; None if never located.
+        wheels_mm: error of wheel odometry alone at the end.
     """
 
     landmarks: int
@@ -90,7 +90,7 @@ def run_drive_demo(folder: Path, seed: int, count: int) -> DriveErrors:
 
 
 def _survey(drive: Drive, frames: tuple[RigFrame, ...]) -> Survey:
-    """The first landmark seen is the one whose place is known."""
+    """The first landmark seen, whose pose is fixed."""
     sizes = {m.id: m.size_m for m in drive.landmarks}
     first = next((o for frame in frames for o in frame.seen[0]), None)
     if first is None:

@@ -64,7 +64,7 @@ class _Camera(BaseModel):
 
 
 def rig_to_camchain(rig: AnyRig) -> tuple[str, str, float]:
-    """The text of the file, its distortion model, and by how many pixels at most its lenses differ from the rig's.
+    """The text of the file, its distortion model, and the largest difference from the rig's lenses, px.
 
     Kalibr's lenses have four coefficients: radtan k1 k2 p1 p2, equidistant k1 k2 k3 k4.  Longer distortions are
     replaced by the nearer of the two, the same for all cameras.
@@ -106,7 +106,7 @@ def read_camchain(path: Path) -> AnyRig:
     """A rig from a camchain: a `StereoRig` of two cameras, else a `Rig` of cameras cam0, cam1, ...
 
     Raises:
-        InputError: not readable or not valid, or a camera does not say how it stands to the one before.
+        InputError: not readable or not valid, or a camera has no pose relative to the previous one.
     """
     hint = "give a camchain as Kalibr writes it"
     content = load_document(path, _text(path), finite=False)
@@ -160,7 +160,7 @@ def _time_offsets(chain: Sequence[_Camera]) -> list[float]:
 
 
 def _between(before: _Camera, camera: _Camera) -> FloatArray | None:
-    """(4,4) from one camera to the next: as it stands, or through the IMU."""
+    """(4,4) from one camera to the next: given directly, or through the IMU."""
     if camera.T_cn_cnm1 is not None:
         return np.array(camera.T_cn_cnm1)
     left, right = before.T_camera_imu(), camera.T_camera_imu()

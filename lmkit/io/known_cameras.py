@@ -11,10 +11,10 @@ from lmkit.io.any_rig import read_any_rig
 
 
 def read_two_cameras(paths: Sequence[Path]) -> tuple[MountedCamera, MountedCamera]:
-    """The left and the right camera; what the files say of their relation is not used.
+    """The left and the right camera; their relative pose in the files is not used.
 
     Raises:
-        InputError: a file cannot be read, or together they do not hold two cameras of one lens model.
+        InputError: a file cannot be read, or together they do not contain two cameras of one lens model.
     """
     cameras = [camera for path in paths for camera in mounted_cameras(read_any_rig(path))]
     names = ", ".join(str(path) for path in paths)

@@ -1,9 +1,9 @@
-"""Layouts of rig and map files: which keys there are, and what may stand at each.
+"""Layouts of rig and map files: their keys, and the allowed values.
 
 Every command that locates something reads both.  `document_models.py` describes other files by models of pydantic,
 whose import alone takes a quarter of `lmkit locate`; problems have the same words here (`field_problems.py`).
 
-A layout is a dataclass.  What stands at a key passes a check, a function that gives the value or raises
+A layout is a dataclass.  Each key's value passes a check, a function that returns the value or raises
 `FieldProblem`: ``code: Annotated[int, count]``.
 """
 
@@ -79,7 +79,7 @@ def whole_number(given: Any) -> int:
 
 
 def count(given: Any) -> int:
-    """Check for a whole number that is not negative, such as a code; 5.0 is none."""
+    """Check for a whole number that is not negative, such as a code; 5.0 is refused."""
     if isinstance(given, bool) or not isinstance(given, int):
         raise FieldProblem("int_type", given)
     if given < 0:
@@ -177,7 +177,7 @@ def _checks(layout: type[Layout]) -> dict[str, Check[Any]]:
 
 
 def _check_of(hint: Any) -> Check[Any]:
-    """Check for a kind of value: its own one, the usual one, or one of both that also takes None."""
+    """The check of a type: its own, the usual one, or one of these that also accepts None."""
     if get_origin(hint) is Annotated:
         return cast(Check[Any], hint.__metadata__[0])
     if hint in _USUAL:

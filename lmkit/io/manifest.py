@@ -22,11 +22,11 @@ class PrintedEntry(Document):
 
     Attributes:
         page: from 1.
-        code, family, version: which landmark.
-        size_mm: over the border's outer edges, as it should measure.
-        centre_mm: its middle, from the paper's top left corner; outside the paper for tiles.
-        upside_down: turned by half.
-        tile: the page holds only a part of it.
+        code, family, version: the landmark.
+        size_mm: nominal size over the border's outer edges.
+        centre_mm: its center, from the paper's top left corner; outside the paper for tiles.
+        upside_down: whether it is rotated by 180 degrees.
+        tile: whether the page has only a part of it.
     """
 
     page: Annotated[int, Field(ge=1)]
@@ -43,11 +43,11 @@ class PrintManifest(Document):
     """Contents of a printed file.
 
     Attributes:
-        lmkit: version that made it.
+        lmkit: version of lmkit.
         template: its name, ``tiles`` for a landmark over several sheets.
         paper_mm: of every page.
         mirrored: for the inside of a window.
-        stretch: what the drawing was multiplied by in x and y to make up for the printer.
+        stretch: factors of the drawing in x and y that compensate the printer.
         landmarks: all of them, page by page.
         file, sha256: name and hash of the file; only in the JSON beside it.
     """
@@ -63,7 +63,7 @@ class PrintManifest(Document):
     sha256: str | None = None
 
     def of_file(self, name: str, content: bytes) -> PrintManifest:
-        """Values of the JSON beside the file."""
+        """Values of the JSON file beside the print."""
         return self.model_copy(update={"file": name, "sha256": hashlib.sha256(content).hexdigest()})
 
     def to_json(self, indent: int | None = None) -> str:
@@ -81,7 +81,7 @@ def parse_manifest(text: str, where: str) -> PrintManifest:
     """A manifest from its text.
 
     Raises:
-        InputError: it is not one.
+        InputError: it is not a manifest.
     """
     try:
         return PrintManifest.model_validate_json(text)
@@ -93,10 +93,10 @@ def parse_manifest(text: str, where: str) -> PrintManifest:
 
 
 def read_manifest_beside(path: Path) -> PrintManifest | None:
-    """The manifest beside a print, or None where there is none.
+    """The manifest beside a print, or None without one.
 
     Raises:
-        InputError: there is one that cannot be read.
+        InputError: it exists but cannot be read.
     """
     beside = manifest_path(path)
     return read_manifest(beside) if beside.is_file() else None
@@ -106,6 +106,6 @@ def read_manifest(path: Path) -> PrintManifest:
     """The manifest in a file.
 
     Raises:
-        InputError: it cannot be read, or is none.
+        InputError: it cannot be read, or is not a manifest.
     """
     return read_document(path, PrintManifest, "manifest")

@@ -1,4 +1,4 @@
-"""Which program's map a text is, by its keys."""
+"""The program that wrote a map, recognized by its keys."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIDUCIAL = re.compile(r"^\s*\d+(?:\s+[-+]?[\d.]+(?:[eE][-+]?\d+)?){7}(?:\s+\d+)+
 
 
 def program_of_map(text: str, head: DocumentHead) -> str:
-    """One of `MAP_PROGRAMS`, or an empty text where it is none of their maps."""
+    """One of `MAP_PROGRAMS`, or an empty text for other files."""
     if head.format:
         return LMKIT if head.format.startswith("lmkit-map") else ""
     first_line = next((line for line in text.splitlines() if line.strip()), "")

@@ -1,4 +1,4 @@
-"""Plausibility of a map that was read: units of its places, and landmarks that cannot both be there."""
+"""Plausibility of a map that was read: units of its positions, and overlapping landmarks."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.landmark_overlap import overlaps
 
 HIGHEST_M, WIDEST_M = 20.0, 1000.0  # of maps in a building or on a field
-# A landmark of 15 px is this many times its side away by a lens of 15,000 px: beyond, no image shows two.
+# Distance in sides of a landmark of 15 px with a focal length of 15,000 px: farther landmarks are never in one image.
 FARTHEST_SIZES = 1000.0
 HARDLY_HIGH_M = 100.0  # floors are near z = 0
 
 
 def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
-    """The map, with a warning of places that no building has, and of landmarks that cannot both be there.
+    """The map, with a warning about implausible positions, and about overlapping landmarks.
 
     Raises:
-        InputError: ``implausible_map``, landmarks far above the floor, and none in sight of another one.
+        InputError: ``implausible_map``, landmarks far above the floor, with no two in sight of each other.
 
     Warns:
         InputWarning: great heights or distances, or landmarks that overlap.
@@ -51,7 +51,7 @@ def _require_in_sight(path: Path, places: FloatArray, sizes_m: FloatArray, heigh
     """Refuse a map whose landmarks are all farther from the next one than can be seen, some far above the floor."""
     if len(places) < 2 or height_m < HARDLY_HIGH_M:
         return
-    # To import scipy takes longer than this.
+    # Importing scipy takes longer than this computation.
     nearest = np.array([np.partition(np.linalg.norm(places - place, axis=1), 1)[1] for place in places])
     if (nearest > FARTHEST_SIZES * sizes_m).all():
         raise InputError(

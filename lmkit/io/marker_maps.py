@@ -4,7 +4,7 @@ fiducial_slam (map.txt): lines of id, x y z (m), roll pitch yaw (deg), variance,
 apriltag_ros (tags.yaml): bundles of tags, meters, with a quaternion; the bundle's frame becomes the map's.
 Limelight (.fmap, JSON): 4x4 transforms, meters, from the center of the field; sizes in mm; axes as in WPILib.
 marker_mapper (YAML of OpenCV): corners of every marker, meters, top left first, then clockwise.
-Axes of a marker are ours (x right, y up, z out of it), except Limelight's.
+Axes of a marker are lmkit's (x right, y up, z out of it), except Limelight's.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lmkit.io.tables import to_number
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 
-# Columns: the field tag's x (out), y (left of one looking out: our x), z (up: our y), in our axes.
+# Columns: the field tag's x (out), y (left seen from the tag, lmkit's x), z (up, lmkit's y), in lmkit's axes.
 R_OURS_FIELD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 APRILTAG = "tag36h11"
 FOREIGN_ARUCO = "aruco"  # of an unknown dictionary
@@ -45,7 +45,7 @@ class MarkerDefaults:
     Attributes:
         family: name, or None where it was not given.
         size_m: outer edge of the black border, or None.
-        can_be_given: the command has options for them; else its file must be converted first.
+        can_be_given: whether the command has options for both; else the file must be converted first.
     """
 
     family: str | None = None
@@ -111,7 +111,7 @@ class MarkerDefaults:
         return stated or self.size_m or assumed or 0.0
 
     def _other(self, path: Path, option: str) -> str:
-        """Advice for markers of which the assumed value is not true."""
+        """Advice for markers that differ from the assumed value."""
         if self.can_be_given:
             return f"give {option} if it is another"
         return f"if it is another, convert the map first: {_conversion(path, f'{option} ...')}"
@@ -155,7 +155,7 @@ def read_apriltag_ros(path: Path, text: str, defaults: MarkerDefaults) -> list[M
     """The tags of the one bundle of a tags.yaml.
 
     Raises:
-        InputError: no bundle, or several, whose poses to each other the file does not hold.
+        InputError: no bundle, or several without relative poses.
     """
     with _named(path, "bad_map", "a tags.yaml of apriltag_ros", "give id, size, x y z, qw qx qy qz of every tag"):
         data = load_document(path, text)
@@ -221,7 +221,7 @@ def read_marker_mapper(path: Path, text: str, defaults: MarkerDefaults) -> list[
 
 
 class _named:  # noqa: N801  (used as a function)
-    """Errors of reading become one that says what the file was taken for."""
+    """Converts errors of reading to one that names the assumed kind of file."""
 
     def __init__(self, path: Path, code: str, what: str, hint: str) -> None:
         self.parts = path, code, what, hint

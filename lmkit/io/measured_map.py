@@ -1,4 +1,4 @@
-"""Maps by hand: a CSV form that a person with a tape measure fills in (docs/formats.md).
+"""Maps measured by hand: a CSV form that a person with a tape measure fills in (docs/formats.md).
 
 Each row has a code and either a wall with ``left_m`` or ``right_m``, or ``x_m``, ``y_m`` and ``facing_deg``; and the
 height of the center above the floor.
@@ -26,7 +26,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 COLUMNS = ("code", "wall", "left_m", "right_m", "height_m", "x_m", "y_m", "facing_deg", "size_mm", "family", "name")
 BLANK_COLUMNS = ("code", "wall", "left_m", "height_m")
 ALIASES = {"from_left_end_m": "left_m", "z_m": "height_m", "id": "code"}
-AGREE_M = 0.05  # two measurements of one place differ by no more
+AGREE_M = 0.05  # largest difference of two measurements of one position
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
     """The map that a filled-in form describes; rows without any measurement are left out.
 
     Args:
-        walls: walls that the form may name, case does not matter.
+        walls: walls that the form may name; case is ignored.
 
     Raises:
         InputError: not readable, an unknown column or wall, a value that is missing or contradicts another; names the

@@ -23,7 +23,7 @@ from lmkit.geometry.stereo_rig import StereoRig
 from lmkit.io.documents import PlainLoader, load_document, read_text
 from lmkit.io.field_problems import first_problem
 
-# Other names that people's own scripts give the same matrices.
+# Other common names of the same matrices.
 _NAMES = {
     "M1": ("M1", "K1", "cameraMatrix1", "cameraMatrixL", "camera_matrix_left"),
     "M2": ("M2", "K2", "cameraMatrix2", "cameraMatrixR", "camera_matrix_right"),
@@ -55,7 +55,7 @@ _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: 
 
 
 def rig_to_opencv_yaml(rig: StereoRig) -> str:
-    """The text of the file; lengths in meters.  ``model`` is there since fisheye has four coefficients as well."""
+    """The text of the file; lengths in meters.  ``model`` distinguishes fisheye with four coefficients."""
     maps = rectification(rig)
     storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("model", rig.left.model)
@@ -96,7 +96,7 @@ def read_opencv_rig(path: Path) -> AnyRig:
         InputError: not readable, a matrix or the image size is missing, or a matrix is of the wrong shape.
     """
     hint = "give the M1 D1 M2 D2 R T, image_width and image_height of a stereo pair, as cv2.FileStorage writes them"
-    # Read as plain YAML: OpenCV's own reader believes whatever size a matrix claims.
+    # Read as plain YAML: OpenCV's own reader does not check the stated size of a matrix.
     text = read_text(path, "OpenCV rig file")
     if text.lstrip().startswith("<"):
         content = _from_xml(path, text)
@@ -105,7 +105,7 @@ def read_opencv_rig(path: Path) -> AnyRig:
     content = content if isinstance(content, dict) else {}
     if "xi" in content:
         raise InputError("bad_opencv", f"{path}: an omnidirectional camera (xi), which is not supported", _NO_OMNI)
-    if str(content.get("fisheye_model", "0")) not in ("0", ""):  # OpenCV's calibration sample says it so
+    if str(content.get("fisheye_model", "0")) not in ("0", ""):  # key of OpenCV's calibration sample
         content = {"model": "fisheye"} | content
     size = content.get("imageSize", content.get("image_size"))
     if isinstance(size, dict) and isinstance(size.get("data"), list):
@@ -130,7 +130,7 @@ def read_opencv_rig(path: Path) -> AnyRig:
         data = _OpenCvRig.model_validate(named)
         cameras = [data.intrinsics(M, D) for M, D in ((data.M1, data.D1), (data.M2, data.D2))]
         R = data.R.array()
-        # Files of few digits hold almost-rotations.
+        # Matrices with few digits are only approximately rotations.
         R = orthonormal(R) if R.shape == (3, 3) and np.abs(R @ R.T - np.eye(3)).max() < ALMOST else R
         return StereoRig(cameras[0], cameras[1], Pose("right", "left", R, data.T.array().ravel()))
     except ValidationError as error:
@@ -193,7 +193,7 @@ class _Matrix(BaseModel):
 
 
 class _Sized(BaseModel):
-    # Whoever wrote the file may have added more.
+    # Files may have additional keys.
     model_config = ConfigDict(extra="ignore", defer_build=True)
     model: str = ""
     image_width: Annotated[int, Field(gt=0)]

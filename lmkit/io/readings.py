@@ -13,17 +13,17 @@ from lmkit.model.observation import RangeBearing
 
 COLUMNS = ("time_s", "code", "range_m", "bearing_rad")
 FAMILY = "family"  # a fifth column, where landmarks are of several families
-FARTHEST_M, LARGEST_RAD = 500.0, 6.4  # beyond, a range is in millimeters and a bearing in degrees
+FARTHEST_M, LARGEST_RAD = 500.0, 6.4  # larger values are ranges in millimeters and bearings in degrees
 
 
 def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[RangeBearing]]:
     """Readings by time, in the order of the file.
 
     Args:
-        families: families in play; without a column ``family`` there must be one.
+        families: possible families; without a column ``family`` there must be one.
 
     Raises:
-        InputError: not readable, another header, or a row that is no reading; names the line.
+        InputError: not readable, another header, or a row that is not a reading; names the line.
     """
     rows = read_rows(path, "readings file")
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()

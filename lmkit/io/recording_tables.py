@@ -1,4 +1,4 @@
-"""Tables of a recording as CSV with a header: odometry, gyro, and landmarks seen (docs/formats.md)."""
+"""Tables of a recording as CSV with a header: odometry, gyro, and detected landmarks (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import Detection
 from lmkit.model.recording import Gyro, Odometry, RigFrame
 
-# Other names that columns go by.
+# Other names of columns.
 ALIASES = {
     "t": "time_s", "time": "time_s", "timestamp": "time_s", "%time": "time_s", "#timestamp [ns]": "time_s",
     "__time": "time_s", "Timestamp": "time_s",
@@ -25,7 +25,7 @@ ALIASES = {
     "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m", "yaw": "heading_rad",
     "side": "camera", "tag_id": "code",
 }  # fmt: skip
-# Ends of the names that rostopic and PlotJuggler give to values of messages.
+# Suffixes of the names of message fields in rostopic and PlotJuggler.
 _IN_MESSAGES = {
     "twist.linear.x": "forward_mps",
     "twist.angular.z": "turn_radps",
@@ -33,7 +33,7 @@ _IN_MESSAGES = {
 }
 PAIR = ("left", "right")  # cameras of a stereo rig
 CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
-CORNER_SIGMA_PX = 0.3  # of corners that do not say how good they are: of a usual detector of markers
+CORNER_SIGMA_PX = 0.3  # of corners without a standard deviation: typical of marker detectors
 DETECTION_COLUMNS = ("time_s", "camera", "code", *CORNERS)
 _NUMBERS = frozenset({
     "time_s", "x_m", "y_m", "heading_rad", "left_m", "right_m", "forward_mps", "turn_radps", "rate_radps",
@@ -45,7 +45,7 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
     """Odometry of a file with time_s and poses (x_m, y_m, heading_rad), wheels (left_m, right_m) or velocities.
 
     Args:
-        track_m: distance of the wheels, which columns left_m and right_m need.
+        track_m: distance between the wheels, needed for columns left_m and right_m.
 
     Raises:
         InputError: not readable, no such columns, no numbers, or times that do not increase.
@@ -72,7 +72,7 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
 
 
 def read_gyro(path: Path) -> Gyro:
-    """Rates of turn of a file with time_s and rate_radps (wz).
+    """Yaw rates from a file with time_s and rate_radps (wz).
 
     Raises:
         InputError: as for odometry.
@@ -87,11 +87,11 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
     """Detections of all cameras: time_s, camera (its name in the rig), code, x0 y0 ... x3 y3 (px); family, sigma_px.
 
     Args:
-        families: families in play; without a family column there must be one (with ``tag_id`` it is tag36h11).
-        cameras: names of the rig's cameras; of a single camera the column may be left out.
+        families: possible families; without a family column there must be one (with ``tag_id`` it is tag36h11).
+        cameras: names of the rig's cameras; for a single camera the column may be missing.
 
     Raises:
-        InputError: not readable, or a row is no detection; names the line; no family column and several families.
+        InputError: not readable, or a row is not a detection; names the line; no family column and several families.
     """
     rows = read_rows(path, "detections file")
     header = _header(rows)
@@ -144,7 +144,7 @@ def read_detections(path: Path, families: Sequence[str], cameras: Sequence[str] 
 
 
 def detections_to_csv(frames: Sequence[RigFrame], cameras: Sequence[str] = PAIR) -> str:
-    """The text of a detections file; frames at which nothing was seen are left out.
+    """The text of a detections file; frames without detections are omitted.
 
     Args:
         cameras: names of the rig's cameras.
@@ -161,17 +161,17 @@ def detections_to_csv(frames: Sequence[RigFrame], cameras: Sequence[str] = PAIR)
 
 
 def odometry_to_csv(odometry: Odometry) -> str:
-    """Velocities of wheel odometry, as :func:`read_odometry` reads them; each holds until the next row."""
+    """Velocities of wheel odometry for :func:`read_odometry`; each is valid until the next row."""
     times = odometry.times_s
     seconds = np.diff(times, append=2 * times[-1] - times[-2])
-    # The distance of a row was traveled before it, at the velocity of the row before.
+    # The distance of a row was traveled before it, at the velocity of the previous row.
     forward, turn = (np.append(values[1:], 0.0) / seconds for values in (odometry.forward_m, odometry.turn_rad))
     rows = zip(times, forward, turn, strict=True)
     return "time_s,forward_mps,turn_radps\n" + "".join(f"{t:.6f},{v:.6f},{w:.6f}\n" for t, v, w in rows)
 
 
 def gyro_to_csv(gyro: Gyro) -> str:
-    """Yaw rates, as :func:`read_gyro` reads them."""
+    """Yaw rates, for :func:`read_gyro`."""
     rows = zip(gyro.times_s, gyro.rate_radps, strict=True)
     return "time_s,rate_radps\n" + "".join(f"{t:.6f},{rate:.6f}\n" for t, rate in rows)
 
@@ -181,7 +181,7 @@ def _header(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _column(name: str) -> str:
-    """Our name of a column."""
+    """lmkit's name of a column."""
     dotted = "." + name.replace("/", ".")
     return ALIASES.get(name) or next((ours for end, ours in _IN_MESSAGES.items() if dotted.endswith("." + end)), name)
 
@@ -206,7 +206,7 @@ def _read_numbers(path: Path, what: str) -> dict[str, FloatArray]:
         raise InputError("bad_header", f"{path}: line 1 has a column twice", "keep one of them")
     if "time_s" not in header:
         raise InputError("bad_header", f"{path}: line 1 has no column time_s", "write a header such as time_s,...")
-    # Columns of text or of other things (rostopic's header.frame_id) are left alone, not converted.
+    # Columns of text or other values (rostopic's header.frame_id) are ignored.
     wanted = [k for k, name in enumerate(header) if name in _NUMBERS]
     table = []
     for number, row in enumerate(rows[1:], start=2):

@@ -20,7 +20,7 @@ from lmkit.io.documents import dump_yaml, read_text
 from lmkit.io.layouts import FieldProblem, Layout, items, keys_of, matrix, number, read_layout, text
 
 FORMAT = "lmkit-rig/1"
-MOST_OFFSET_S = 10.0  # between clocks of two cameras; a stamp of another clock altogether is refused
+MOST_OFFSET_S = 10.0  # between clocks of two cameras; larger offsets, of unrelated clocks, are refused
 
 
 def _lens_model(given: Any) -> str:
@@ -188,7 +188,7 @@ def _read_cameras(path: Path) -> Rig:
 
 
 def _from_first(path: Path, k: int, camera: _MountedCamera, T_base_left: Pose | None) -> Pose:
-    """T_camera_left of camera k, from whichever of its two keys is given."""
+    """T_camera_left of camera k, from either of its two keys."""
     where = f"cameras[{k}]"
     if (camera.T_first_camera is None) == (camera.T_base_camera is None):
         raise InputError(

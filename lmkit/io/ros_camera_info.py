@@ -47,12 +47,12 @@ class _Part(BaseModel):
     height: int = 0
 
     def is_part_of(self, width: int, height: int) -> bool:
-        """Is it less than the whole image?  All zeros stand for all of it."""
+        """Whether it is less than the whole image; all zeros mean the whole image."""
         return (self.x_offset, self.y_offset) != (0, 0) or (self.width, self.height) not in ((0, 0), (width, height))
 
 
 class _CameraInfo(BaseModel):
-    # Drivers add keys of their own; what is not known is left alone.
+    # Drivers add their own keys; unknown keys are ignored.
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False, defer_build=True)
     image_width: Annotated[int, Field(gt=0)]
     image_height: Annotated[int, Field(gt=0)]
@@ -70,7 +70,7 @@ class _CameraInfo(BaseModel):
 def rig_to_camera_infos(rig: StereoRig) -> tuple[str, str]:
     """The texts of the left and of the right file.
 
-    The relation of the cameras is in their rectification; T_base_left and uncertainties have no place there.
+    The relative pose of the cameras is in their rectification; T_base_left and uncertainties are lost.
     """
     maps = rectification(rig)
     left, right = rig.left, rig.right
@@ -99,7 +99,7 @@ def read_camera_infos(left: Path, right: Path) -> StereoRig:
     """A rig from its two files.
 
     Raises:
-        InputError: not readable or not valid, or the two are no stereo pair.
+        InputError: not readable or not valid, or the two are not a stereo pair.
     """
     infos = [_read(path) for path in (left, right)]
     cameras = [_camera(path, info) for path, info in zip((left, right), infos, strict=True)]

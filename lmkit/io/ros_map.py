@@ -2,8 +2,8 @@
 
 A pixel's occupancy is its darkness (with ``negate`` its lightness); below ``free_thresh`` it is free, above
 ``occupied_thresh`` a wall, else neither.  In mode raw the pixel's value is the occupancy in percent, above 100
-unknown.  Unknown cells are never free and never walls: in particular 205, which savers write for them whatever the
-threshold, and transparent pixels, which nav2 writes for them in mode scale.
+unknown.  Unknown cells are never free and never walls: in particular 205, which savers write for them independent of
+the threshold, and transparent pixels, which nav2 writes for them in mode scale.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Laser scans out of files: CSV, and LaserScan messages in ROS bags and MCAP (docs/formats.md).
+"""Laser scans from files: CSV, and LaserScan messages in ROS bags and MCAP (docs/formats.md).
 
-CSV comes in two shapes: one row a scan (``time_s,angle_min_rad,angle_step_rad`` and then the ranges, in columns of
-any name), or one row a beam (``time_s,angle_rad,range_m`` and, if known, ``intensity``).
+CSV has two forms: one row per scan (``time_s,angle_min_rad,angle_step_rad`` and then the ranges, in columns of
+any name), or one row per beam (``time_s,angle_rad,range_m`` and, if known, ``intensity``).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from lmkit.model.scan import LaserScan
 
 BEAMS = ("time_s", "angle_rad", "range_m")
 SCANS = ("time_s", "angle_min_rad", "angle_step_rad")
-FARTHEST_M = 500.0  # beyond, ranges are in millimeters
-EVEN = 0.05  # of a step, by which beams may be spaced unevenly
+FARTHEST_M = 500.0  # larger ranges are in millimeters
+EVEN = 0.05  # largest deviation from even spacing of beams, as a share of a step
 HINT = f"write {','.join(BEAMS)} a beam, or {','.join(SCANS)} and ranges a scan"
 
 
@@ -124,7 +124,7 @@ def _require_angles(start: float, step: float) -> None:
 
 
 def _to_range(cell: str) -> float:
-    """A range; NaN for the empty cell, inf, nan, and 0, by which scanners say that nothing came back."""
+    """A range; NaN for an empty cell, inf, nan, and 0, which scanners write without an echo."""
     text = cell.strip().lower()
     if text in ("", "inf", "+inf", "-inf", "nan"):
         return math.nan
@@ -135,7 +135,7 @@ def _to_range(cell: str) -> float:
 
 
 def scans_to_csv(scans: Sequence[LaserScan]) -> str:
-    """The text of a scan file, a row for each scan; intensities are left out."""
+    """The text of a scan file, a row for each scan; intensities are omitted."""
     lines = [",".join(SCANS)]
     for scan in scans:
         ranges = ("" if math.isnan(r) else f"{r:.4f}" for r in scan.ranges_m.tolist())

@@ -1,4 +1,4 @@
-"""One camera as FRC tools, EuRoC and VINS write it.
+"""Files of single cameras from FRC tools, EuRoC and VINS.
 
 PhotonVision, calibdb and WPIcal (JSON); sensor.yaml of EuRoC; camera files of camodocal, which VINS reads (YAML).
 """
@@ -27,7 +27,7 @@ _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: 
 
 
 def is_single_camera(keys: frozenset[str]) -> bool:
-    """Whether a document with these keys is one of them."""
+    """Whether a document with these keys is such a file."""
     return any(kind <= keys for kind in (PHOTONVISION, CALIBDB, EUROC, CAMODOCAL))
 
 

@@ -1,7 +1,7 @@
 """Lines of an SVG drawing as a browser draws it (docs/decisions/0026-svg.md).
 
 Units, transforms, nested drawings with their view boxes, symbols and <use>, hidden layers and style sheets count;
-curves become short lines.  Clip paths and masks are not applied, text is no wall.
+curves become short lines.  Clip paths and masks are not applied, and text is not a wall.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from lmkit.io.tables import LARGEST
 
 MAX_LINES, MAX_DEPTH, MAX_ELEMENTS = 200_000, 100, 100_000
 SHORTEST = 1e-9  # user units
-PAGE = 0.99  # share of the page that a shape without outline covers to be its background
+PAGE = 0.99  # a filled shape without outline over this share of the page is its background
 PAGE_UNITS = (300.0, 150.0)  # of a drawing that gives no size
 _SKIPPED = ("defs", "clipPath", "mask", "pattern", "symbol", "marker", "text", "style", "metadata", "foreignObject")
 _HINT = "draw the walls as lines, curves or polygons, and save as plain SVG"
@@ -166,7 +166,7 @@ class _Drawing:
         view: Viewport,
         depth: int,
     ) -> None:
-        """Add a drawing in the drawing, or a symbol; ``sized`` says how large it is."""
+        """Add a nested drawing or a symbol; ``sized`` gives its size."""
 
         def size(key: str, axis: str, whole: float) -> float:
             return view.length(sized.get(key), axis, view.length(drawing.get(key), axis, whole))
@@ -200,7 +200,7 @@ def _kind(element: ElementTree.Element) -> str:
 
 
 def _placed(points: FloatArray, closed: bool, T: FloatArray) -> FloatArray:
-    """(N,2,2) ends of the lines between points, without those of no length."""
+    """(N,2,2) ends of the lines between points, without lines of zero length."""
     with np.errstate(invalid="ignore", over="ignore"):
         at = points @ T[:2, :2].T + T[:2, 2]
         ends = np.stack([at, np.roll(at, -1, axis=0)], axis=1)[: None if closed else -1]

@@ -18,7 +18,7 @@ _SPACE = re.compile(r"[\s,]*")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
 CURVES = "CSQTA"
-_FLAGS = (3, 4)  # arguments of A that are one digit, which nothing need separate
+_FLAGS = (3, 4)  # arguments of A that are a single digit, without a separator
 
 
 def path_polylines(data: str, curves: bool = True) -> Iterator[tuple[FloatArray, bool]]:

@@ -26,7 +26,7 @@ _WHITE = re.compile(r"#fff(?:fff)?|white|rgb\(255,255,255\)|rgb\(100%,100%,100%\
 
 @dataclass(frozen=True)
 class Viewport:
-    """Width and height that percentages are of, in user units."""
+    """Reference width and height of percentages, in user units."""
 
     width: float
     height: float
@@ -84,7 +84,7 @@ def transform_of(text: str | None) -> FloatArray:
 
 
 def view_box(element: ElementTree.Element) -> tuple[float, float, float, float] | None:
-    """x, y, width and height of an element's viewBox, or None where it has none that counts."""
+    """x, y, width and height of an element's viewBox, or None without a valid one."""
     box = numbers(element.get("viewBox"))
     return (box[0], box[1], box[2], box[3]) if len(box) == 4 and min(box[2:]) > 0 else None
 
@@ -119,7 +119,7 @@ class StyleSheet:
                     self.rules.setdefault(selector.strip(), {}).update(_declarations(body))
 
     def style(self, element: ElementTree.Element, kind: str, inherited: Mapping[str, str]) -> dict[str, str]:
-        """Display, opacity, visibility, fill and stroke of an element, the last three its parents' if not its own."""
+        """Display, opacity, visibility, fill and stroke of an element; the last three are inherited."""
         style = dict(inherited) | {key: element.attrib[key] for key in _STYLED if key in element.attrib}
         if not self.rules:
             return style | _declarations(element.get("style", ""))

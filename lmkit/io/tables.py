@@ -1,4 +1,4 @@
-"""One door for tables of text: rows of CSV as programs write them, and numbers that can be computed with.
+"""The only reader of CSV tables: rows of common dialects, and finite numbers.
 
 Separators are commas, semicolons (with decimal commas, as spreadsheets write them in half of Europe) or tabs.
 """
@@ -14,7 +14,7 @@ from lmkit.errors import InputError
 from lmkit.io.documents import read_text, with_article
 from lmkit.units import NANOSECONDS_FROM
 
-LARGEST = 1e9  # of a length in m, an angle in rad or a pixel; whatever is larger is no measurement
+LARGEST = 1e9  # of a length in m, an angle in rad or a pixel; larger values are not measurements
 LARGEST_TIME = 1e19
 
 
@@ -42,7 +42,7 @@ def to_number(cell: str) -> float:
     """A measurement.
 
     Raises:
-        ValueError: no number, not finite, or too large to be measured.
+        ValueError: not a number, not finite, or too large for a measurement.
     """
     value = float(cell)
     if not abs(value) <= LARGEST:
@@ -54,7 +54,7 @@ def to_seconds(cell: str) -> float:
     """A time stamp in seconds; integer nanoseconds since 1970 are recognized by their size.
 
     Raises:
-        ValueError: no number, not finite, or too large.
+        ValueError: not a number, not finite, or too large.
     """
     value = float(cell)
     if not math.isfinite(value) or abs(value) > LARGEST_TIME:

@@ -1,7 +1,7 @@
-"""Page templates: TOML files that say what stands where on the paper.
+"""Page templates: TOML files with the positions of all parts on the paper.
 
-Shipped ones live in ``templates/`` of the project; users bring their own by path.  All lengths are
-millimeters; places count from the paper's top left corner, x right, y down.
+Included templates are in ``templates/`` of the project; users give their own by path.  All lengths are
+millimeters; positions are from the paper's top left corner, x right, y down.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Place(_Part):
 
 
 class Grid(_Part):
-    """Landmarks in rows and columns: the middle of the first, and the steps between middles."""
+    """Landmarks in rows and columns: the center of the first, and the steps between centers."""
 
     columns: Annotated[int, Field(ge=1, le=50)]
     rows: Annotated[int, Field(ge=1, le=50)]
@@ -94,36 +94,36 @@ class TemplateSlot(_Part):
 
 
 class Holes(_Part):
-    """Mounting holes: their middles and their width."""
+    """Mounting holes: their centers and their width."""
 
     at_mm: tuple[PointMm, ...]
     diameter_mm: Length = 5.0
 
 
 class PageTemplate(_Part):
-    """One sheet, and what stands on it.
+    """Layout of one sheet.
 
     Attributes:
-        name: how ``--template`` calls it.
-        description: what it is for, in one line.
+        name: its name for ``--template``.
+        description: its purpose, in one line.
         paper: a key of ``PAPERS_MM``, or ``paper_mm`` with width and height.
         printer_margin_mm: nothing is printed nearer to the paper's edge.
-        size_mm: of the landmarks, where ``--size`` does not say otherwise.
-        centre_mm, grid, places: where the landmarks stand; one of the three.
-        repeat: the same code in all places; otherwise the codes follow each other.
-        rulers, check_square: to measure the print's scale by; in millimeters and inches.
-        label, caption, texts: what is written.
-        patches: colors that a photograph can be compared with.
-        dimension: a drawing of what the size spans.
+        size_mm: size of the landmarks without ``--size``.
+        centre_mm, grid, places: positions of the landmarks; one of the three.
+        repeat: whether all places have the same code; otherwise codes are consecutive.
+        rulers, check_square: to measure the print's scale, in millimeters and inches.
+        label, caption, texts: text on the sheet.
+        patches: reference colors for photographs.
+        dimension: a dimension line of the size.
         arrow: an arrow "this side up".
         holes: for mounting.
-        crop_marks: where to cut, at the corners of each white margin.
-        bleed_mm: how far outside the cut the crop marks keep.
+        crop_marks: marks for cutting, at the corners of each white margin.
+        bleed_mm: distance of the crop marks from the cut.
         cut_contour: the cut as a line of the spot color ``CutContour``, for cutting plotters.
-        centre_marks: ticks around each landmark that point at its middle.
+        centre_marks: ticks around each landmark that point at its center.
         cut_lines, fold_lines: x0, y0, x1, y1, along the paper's edges; cut solid, fold dashed.
-        mirrored: for video that is stuck to the inside of a window.
-        contents: a first page that lists what follows.
+        mirrored: mirrored, for the inside of a window.
+        contents: whether the first page is a table of contents.
     """
 
     format: Literal["lmkit-template/1"]
@@ -187,21 +187,21 @@ class PageTemplate(_Part):
 
 
 def templates_folder() -> Path:
-    """Folder of the shipped templates: inside the wheel, or beside the package in a checkout."""
+    """Folder of the included templates: inside the wheel, or beside the package in a checkout."""
     inside = Path(__file__).resolve().parents[1] / "templates"
     return inside if inside.is_dir() else Path(__file__).resolve().parents[2] / "templates"
 
 
 def shipped_templates() -> list[str]:
-    """Their names, in order."""
+    """Names of the included templates, in order."""
     return sorted(path.stem for path in templates_folder().glob("*.toml"))
 
 
 def load_template(name_or_file: str) -> PageTemplate:
-    """A shipped template by name, or a user's by path.
+    """An included template by name, or a user's by path.
 
     Raises:
-        InputError: there is none, or the file is not a valid template.
+        InputError: no such template, or the file is not valid.
     """
     path = Path(name_or_file)
     if path.suffix != ".toml":

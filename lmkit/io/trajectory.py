@@ -24,7 +24,7 @@ from lmkit.units import NANOSECONDS_FROM
 UNIT = 1e-2
 KITTI_COUNT = 12  # numbers a row: R and t, without a time
 _TUM = (0, 1, 2, 3, 4, 5, 6, 7)
-_EUROC = (0, 1, 2, 3, 5, 6, 7, 4)  # EuRoC writes w first, and velocities and biases after it
+_EUROC = (0, 1, 2, 3, 5, 6, 7, 4)  # EuRoC writes w first, then velocities and biases
 _HINT = "write lines of time x y z qx qy qz qw, separated by spaces; # starts a comment"
 
 
@@ -40,10 +40,10 @@ def poses_to_tum(poses: Iterable[tuple[float, Pose]]) -> str:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """The poses of a TUM file, or of EuRoC's CSV (its header says that w comes first); seconds or nanoseconds.
+    """The poses of a TUM file, or of EuRoC's CSV (with w first, by its header); seconds or nanoseconds.
 
     Raises:
-        InputError: not readable, or a line is no pose; names the line.
+        InputError: not readable, or a line is not a pose; names the line.
     """
     text = _with_decimal_points(read_text(path, "trajectory"))
     table = _plain_table(text)
@@ -57,14 +57,14 @@ def _with_decimal_points(text: str) -> str:
 
 
 def _plain_table(text: str) -> FloatArray | None:
-    """(N,8) rows of a TUM file at once; None where it is another file, or where a row is wrong."""
+    """(N,8) rows of a TUM file at once; None for another kind of file, or if a row is wrong."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of an empty file
             table = np.loadtxt(io.StringIO(text.replace(",", " ")), comments="#", ndmin=2)
     except ValueError:
         return None
-    head = re.match(r"(?:[^\S\n]*(?:#.*)?\n)*", text)  # a title may stand above the names of the columns
+    head = re.match(r"(?:[^\S\n]*(?:#.*)?\n)*", text)  # a title may precede the names of the columns
     if any(_named_order(line) == _EUROC for line in (head[0].splitlines() if head else ())):
         return None
     if table.shape[1] != len(_TUM) or len(table) < 2:
@@ -116,7 +116,7 @@ def _checked_rows(path: Path, text: str) -> list[list[float]]:
 
 
 def read_two_trajectories(truth: Path, estimate: Path) -> tuple[Trajectory, Trajectory]:
-    """Two trajectories to compare: with times, or both as KITTI poses, which belong together row by row.
+    """Two trajectories to compare: with times, or both as KITTI poses, which are compared row by row.
 
     Raises:
         InputError: as for :func:`read_trajectory`; KITTI poses of different number, or beside a file with times.
@@ -143,7 +143,7 @@ def _kitti_rows(path: Path) -> list[str] | None:
 
 
 def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
-    """Trajectory whose times are the numbers of the rows."""
+    """Trajectory with row numbers as times."""
     at_once = _plain_kitti(lines)
     if at_once is not None:
         return at_once
@@ -165,7 +165,7 @@ def _of_kitti(path: Path, lines: Sequence[str]) -> Trajectory:
 
 
 def _plain_kitti(lines: Sequence[str]) -> Trajectory | None:
-    """All poses at once; None where a row is wrong."""
+    """All poses at once; None if a row is wrong."""
     try:
         T = np.loadtxt(lines, comments="#", ndmin=2).reshape(-1, 3, 4)
     except ValueError:

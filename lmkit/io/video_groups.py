@@ -1,4 +1,4 @@
-"""Videos of several cameras, frame by frame: those of one rate in step, those of unequal rates by their times."""
+"""Videos of several cameras, frame by frame: matched by number at equal rates, by time at unequal rates."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from pathlib import Path
 from lmkit.errors import InputWarning, warn_caller
 from lmkit.io.image_sources import Frame, video_frames
 
-SAME_RATE = 0.01  # relative; cameras that are triggered together may state their rates with so much rounding
+SAME_RATE = 0.01  # relative; stated rates of cameras that are triggered together may be rounded by this
 
 
 @dataclass(frozen=True)
 class _Timing:
-    """Frames a second, and the number of frames, as the file states them; 0 where it does not."""
+    """Frames per second, and the number of frames, from the file; 0 if unknown."""
 
     rate: float
     count: int
 
 
 def video_groups(videos: Sequence[str]) -> Iterator[tuple[Frame, ...]]:
-    """The frames of all videos that belong together, in the order of the first one.
+    """Matching frames of all videos, in the order of the first one.
 
-    Videos with as many frames each and the same rate go in step. Others are joined by their times: each frame of the
-    first video with the nearest one of every other, where each is the nearest to the other and they are no further
-    apart than half a step of the slowest video. Frames without a partner are left out; so is the end of a longer one.
+    Videos with equal numbers of frames and equal rates are matched by number. Others are matched by time: each frame
+    of the first video with the nearest one of every other video, if each is the nearest of the other and both are no
+    further apart than half a step of the slowest video. Frames without a partner are skipped, as is the end of a
+    longer video.
 
     Warns:
         InputWarning: rates or counts differ, so that frames are joined by their times.
@@ -56,7 +57,7 @@ def _timing(video: str) -> _Timing:
 
 
 def _in_step(timings: Sequence[_Timing]) -> bool:
-    """Do the videos have one rate and as many frames each, or no times to go by?"""
+    """Whether the videos have equal rates and numbers of frames, or no times."""
     rates, counts = [timing.rate for timing in timings], [timing.count for timing in timings]
     if min(rates) == 0:
         return True
@@ -82,7 +83,7 @@ def _by_time(streams: Sequence[Iterator[Frame]], most_apart_s: float) -> Iterato
 
 
 def _belong(time_s: float, partner_s: float, before: float | None, after: float | None, most_apart_s: float) -> bool:
-    """Is the frame at time_s the nearest of its video to the partner (of two the earlier one), and near?"""
+    """Whether the frame at time_s is the nearest of its video to the partner (or the earlier of two), and near."""
     apart = abs(partner_s - time_s)
     nearer_than_before = before is None or apart < abs(partner_s - before)
     as_near_as_after = after is None or apart <= abs(partner_s - after)
@@ -109,11 +110,11 @@ class _Looker:
         self.following = next(frames, None)
 
     def go_on(self) -> None:
-        """One frame further."""
+        """Advance by one frame."""
         self.here, self.following = self.following, next(self._frames, None)
 
     def go_nearest(self, time_s: float) -> None:
-        """To the frame that is nearest to a time; times increase from call to call."""
+        """Advance to the frame nearest to a time; times increase from call to call."""
         while self.here is not None and self.following is not None:
             if abs(_time(self.following) - time_s) > abs(_time(self.here) - time_s):
                 return

@@ -1,4 +1,4 @@
-"""Odometry and gyro of a live run: each input in a thread of its own, opened again when it is lost."""
+"""Odometry and gyro of a live run: each input in its own thread, opened again when it is lost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ READ_S = 0.2
 
 
 class InputLost(Exception):
-    """An input gives nothing more; the message says why."""
+    """An input is lost; the message has the reason."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Reading:
 
     Attributes:
         kind: ``pose`` (x y z m, quaternion x y z w, in the odometry's own frame), ``wheels`` (forward m and turn rad
-            since the reading before), or ``gyro`` (rad/s about the robot's upward axis).
-        time_s: stamp of the sender; None: it has none.
-        values: numbers of that kind.
-        notice: one sentence about the sensor, which becomes an event; mostly empty.
+            since the previous reading), or ``gyro`` (rad/s about the robot's upward axis).
+        time_s: stamp of the sender; None if it has none.
+        values: numbers of the reading.
+        notice: one sentence about the sensor, which becomes an event; usually empty.
     """
 
     kind: str
@@ -47,10 +47,10 @@ class MotionInput(Protocol):
     """Interface of an open input."""
 
     def read(self, timeout_s: float) -> Sequence[Reading]:
-        """Readings that have come, after at most ``timeout_s``.
+        """Received readings, after at most ``timeout_s``.
 
         Raises:
-            InputLost: there will be no more.
+            InputLost: there are no more readings.
         """
 
     def close(self) -> None:
@@ -61,10 +61,10 @@ class InputRunner:
     """Reads an input into the inbox of the loop.
 
     Args:
-        name: of the input in messages.
-        open_: opens it; raises `InputLost`.
-        motion: ``wheels`` or ``pose``: what poses of odometry are used as.
-        kinds: readings that are taken, ``odometry`` and ``gyro``.
+        name: name of the input in messages.
+        open_: function that opens the input; raises `InputLost`.
+        motion: ``wheels`` or ``pose``: use of odometry's poses.
+        kinds: accepted readings, ``odometry`` and ``gyro``.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class InputRunner:
             wait = min(2 * wait, LONGEST_WAIT_S)
 
     def take(self, reading: Reading) -> None:
-        """Hand a reading to the loop, its stamp in the loop's time."""
+        """Pass a reading to the loop, with its stamp in the loop's time."""
         if ("gyro" if reading.kind == GYRO else "odometry") not in self._kinds:
             return
         self._count += 1
@@ -172,7 +172,7 @@ class InputRunner:
 
 
 def pose_or_none(values: Sequence[float]) -> Pose | None:
-    """T_odometry_base of x y z qx qy qz qw; None if that is no pose.
+    """T_odometry_base of x y z qx qy qz qw; None if this is not a pose.
 
     Examples:
         >>> pose_or_none([0, 0, 0, 0, 0, 0, 0]) is None

@@ -16,7 +16,7 @@ PORT = 8766
 
 
 class JsonInput:
-    """Listens on ``HOST:PORT``; every text holds one or more lines.
+    """Listens on ``HOST:PORT``; every text message has one or more lines.
 
     Raises:
         InputLost: the port cannot be opened.
@@ -50,7 +50,7 @@ class JsonInput:
 
 
 def reading_of(line: str | bytes) -> Reading | None:
-    """The reading in a line of JSON; None where there is none.
+    """The reading in a line of JSON; None without one.
 
     Examples:
         >>> reading_of('{"time_s": 1.5, "forward_m": 0.02, "turn_rad": 0.001}')

@@ -41,7 +41,7 @@ class MavlinkInput:
 
 
 def reading_of(message: Any) -> Reading | None:
-    """The reading in a message, axes turned up; None where there is none."""
+    """The reading in a message, with axes converted to z up; None without one."""
     kind = message.get_type()
     if kind == "ODOMETRY":
         w, x, y, z = message.q

@@ -61,9 +61,9 @@ def odometry_reading(values: Values) -> Reading:
 
 
 class UprightGyro:
-    """Rates about the vertical from messages of sensor_msgs/Imu, whose axes gravity tells (`geometry/imu_axes`).
+    """Yaw rates from messages of sensor_msgs/Imu, with axes determined by gravity (`geometry/imu_axes`).
 
-    Until enough accelerations have come, and where none come, z is up.
+    Until there are enough accelerations, and without accelerations, z is up.
     """
 
     def __init__(self) -> None:
@@ -71,13 +71,13 @@ class UprightGyro:
         self._up = np.array([0.0, 0.0, 1.0])
 
     def reading(self, values: Values) -> Reading:
-        """The reading in one message; its notice says once which axis is up, if z is not."""
+        """The reading in one message; its notice names the upward axis, once, if this is not z."""
         notice = self._learn_axis(values)
         rates = np.array([_number(values["angular_velocity"][axis]) for axis in "xyz"])
         return Reading(GYRO, time_of(values), (float(about(self._up, rates)),), notice)
 
     def _learn_axis(self, values: Values) -> str:
-        """Take the acceleration; a sentence about the axes once they are known."""
+        """Add the acceleration; returns a sentence about the axes when they become known."""
         covariance = values.get("linear_acceleration_covariance")
         unmeasured = covariance is not None and len(covariance) > 0 and covariance[0] == -1
         if len(self._accelerations) == ENOUGH or "linear_acceleration" not in values or unmeasured:
@@ -90,5 +90,5 @@ class UprightGyro:
 
 
 def _number(value: object) -> float:
-    # rosbridge has null for what is not finite.
+    # rosbridge writes null for values that are not finite.
     return float("nan") if value is None else float(value)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Readings that wait between a library's thread and an input's thread; when it is full, the newest are lost."""
+"""Queue of readings between a library's thread and an input's thread; when it is full, the newest are lost."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class WaitingReadings:
         self._queue: queue.Queue[Reading] = queue.Queue(MOST_WAITING)
 
     def put(self, reading: Reading) -> None:
-        """Add a reading, or leave it out where too many wait already; never blocks."""
+        """Add a reading, or drop it if too many wait; never blocks."""
         with contextlib.suppress(queue.Full):
             self._queue.put_nowait(reading)
 
     def take(self, timeout_s: float) -> Sequence[Reading]:
-        """All that wait, the first of them for at most ``timeout_s``.
+        """All waiting readings; waits for the first one for at most ``timeout_s``.
 
         Examples:
             >>> waiting = WaitingReadings()

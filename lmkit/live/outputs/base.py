@@ -1,4 +1,4 @@
-"""Outputs of a live run: each in a thread of its own, with a short queue, opened again when it fails."""
+"""Outputs of a live run: each in its own thread, with a short queue, opened again when it fails."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LONGEST_HOLD_S = 60.0  # for recorded input, which does not become stale
 
 
 class OutputLost(Exception):
-    """An output cannot be written to; the message says why."""
+    """An output cannot be written to; the message has the reason."""
 
 
 class Output(Protocol):
@@ -27,19 +27,19 @@ class Output(Protocol):
         """Write one step; False if this output sends nothing for it.
 
         Raises:
-            OutputLost: its peer or its file is gone.
+            OutputLost: its peer or its file is no longer available.
         """
 
     def close(self) -> None:
-        """Flush and release it."""
+        """Flush and release the output."""
 
 
 class OutputRunner:
     """Sends steps to an output without blocking the loop.
 
     Args:
-        name: of the output in messages.
-        open_: opens it; raises `OutputLost`.
+        name: name of the output in messages.
+        open_: function that opens the output; raises `OutputLost`.
         keeps_all: block the loop instead of dropping steps, if images do not become stale.
     """
 
@@ -59,7 +59,7 @@ class OutputRunner:
         self._thread.start()
 
     def put(self, state: LiveState) -> None:
-        """Hand over a step."""
+        """Queue a step."""
         with self._ready:
             if self._keeps_all:
                 self._ready.wait_for(lambda: len(self._queue) < LONGEST_QUEUE or self._failed, LONGEST_HOLD_S)
@@ -136,7 +136,7 @@ class OutputRunner:
         return Health(self.name, not self._problem, rate, self._count, self._dropped, self._problem)
 
     def close(self, timeout_s: float = 3.0) -> None:
-        """Send what waits, and end the thread."""
+        """Send the queued steps, and end the thread."""
         with self._ready:
             self._stop = True
             self._ready.notify_all()

@@ -1,4 +1,4 @@
-"""JSON, one object a line, on standard output."""
+"""JSON, one object per line, on standard output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class JsonLines:
             sys.stdout.write(json.dumps(state.to_dict(), allow_nan=False) + "\n")
             sys.stdout.flush()
         except BrokenPipeError:
-            # Later flushes at exit must not fail once more.
+            # Later flushes at exit must not fail again.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise OutputLost("nobody reads standard output") from None
         except OSError as error:

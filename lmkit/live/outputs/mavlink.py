@@ -17,7 +17,7 @@ SURE_M = 0.05  # standard deviation at which the quality is 50 %
 
 
 class MavlinkOutput:
-    """Sends every pose; steps without one only keep the heartbeat going.
+    """Sends every pose; steps without a pose only continue the heartbeat.
 
     Raises:
         OutputLost: the device or the port cannot be opened.

@@ -1,4 +1,4 @@
-"""Poses and covariances as autopilots count them: north, east, down; forward, right, down."""
+"""Poses and covariances in the frames of autopilots: north, east, down; forward, right, down."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lmkit.geometry.pose import Pose
 
 NED_FROM_MAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # x = y_map, y = x_map, z = -z_map
 FLU_FROM_FRD = np.diag([1.0, -1.0, -1.0])
-STEEP = 0.999  # sine of the pitch beyond which roll and yaw are one
+STEEP = 0.999  # sine of the pitch beyond which roll and yaw cannot be separated
 
 
 def ned_pose(T_map_base: Pose) -> tuple[FloatArray, FloatArray]:
@@ -38,9 +38,9 @@ def roll_pitch_yaw(R: FloatArray) -> FloatArray:
 
 
 def ned_covariance(C: FloatArray, rpy: FloatArray) -> FloatArray:
-    """(6,6) of north, east, down (m), roll, pitch, yaw (rad), from x y z and rotations about axes of the map."""
+    """(6,6) covariance of north, east, down (m), roll, pitch, yaw (rad), from x y z and rotations in the map."""
     pitch, yaw = float(rpy[1]), float(rpy[2])
-    # Columns: turns about the axes of NED by a change of roll, pitch and yaw.
+    # Columns: rotations about the axes of NED by a change of roll, pitch and yaw.
     axes = np.array(
         [
             [math.cos(yaw) * math.cos(pitch), -math.sin(yaw), 0.0],
@@ -55,5 +55,5 @@ def ned_covariance(C: FloatArray, rpy: FloatArray) -> FloatArray:
 
 
 def upper_triangle(C: FloatArray) -> list[float]:
-    """21 numbers of a symmetric (6,6), row by row from the diagonal on."""
+    """21 numbers of a symmetric (6,6): the upper triangle, row by row."""
     return [float(v) for v in C[np.triu_indices(6)]]

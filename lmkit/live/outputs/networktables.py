@@ -1,4 +1,4 @@
-"""NetworkTables, with the keys of a Limelight: robots of FRC read lmkit as they read that camera."""
+"""NetworkTables, with the keys of a Limelight, so that FRC robots read lmkit like this camera."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def parse_networktables(text: str) -> tuple[str, int]:
     """Host and port of ``HOST`` or ``HOST:PORT``.
 
     Raises:
-        InputError: no host, or the port is no number from 1 to 65535.
+        InputError: no host, or the port is not a number from 1 to 65535.
     """
     host, _, port = text.partition(":")
     if not host or (port and (not port.isdecimal() or not 0 < int(port) < 65536)):
@@ -87,7 +87,7 @@ class NetworkTablesOutput:
 
 
 def entries(state: LiveState, rig: AnyRig, landmarks: LandmarkMap) -> tuple[dict[str, float], dict[str, list[float]]]:
-    """Numbers and arrays by key, as of a Limelight; angles in degrees, lengths in meters, shares in percent."""
+    """Numbers and arrays by the keys of a Limelight; angles in degrees, lengths in meters, shares in percent."""
     latency_ms = 1000 * (state.latency_s or 0.0)
     seen = [
         _target(detection, camera.model, k)
@@ -129,7 +129,7 @@ def _target(detection: Detection, model: Any, camera: int) -> dict[str, Any]:
 
 
 def _row(target: dict[str, Any], T_map_base: Pose, rig: AnyRig, landmarks: LandmarkMap) -> list[float]:
-    """One landmark: id, tx, ty, area, distances to camera and robot, ambiguity (0: all give one pose)."""
+    """One landmark: id, tx, ty, area, distances to camera and robot, ambiguity (0: one pose only)."""
     place = _place(target["detection"], landmarks)
     left = T_map_base if rig.T_base_left is None else T_map_base @ rig.T_base_left
     cameras = T_map_cameras(rig, Pose("map", "left", left.R, left.t))

@@ -1,4 +1,4 @@
-"""A recording of a live run in one MCAP file: all that its poses follow from, and the messages of ROS 2 beside."""
+"""A recording of a live run in one MCAP file: all inputs of its poses, and its ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from lmkit.live.ros.messages import IMAGE, StepMessages, header
 from lmkit.live.state import LiveState
 from lmkit.model.landmark_map import LandmarkMap
 
-CHUNK = 1 << 16  # bytes that a run which is cut off loses at most, beside one image
-PNG_LEVEL = 1  # lossless at every level; this one is the quickest
+CHUNK = 1 << 16  # largest loss of an interrupted run, bytes, besides one image
+PNG_LEVEL = 1  # lossless at every level; this level is the fastest
 
 
 class Recorder:
-    """Writes every step; a file that exists is never overwritten, its name gets a number.
+    """Writes every step; an existing file is never overwritten: the new name gets a number.
 
     Args:
         attached: files by name, such as ``map.yaml``, kept in the file.
-        settings: of the loop, as a run file has them.
+        settings: settings of the loop, with the keys of a run file.
 
     Raises:
         OutputLost: the file cannot be written.
@@ -79,7 +79,7 @@ class Recorder:
                     self._write(image_topic(view.name), self._cdr.encode(IMAGE, values), at)
             for message in self._messages.of_step(state):
                 self._write(message.topic, self._cdr.encode(message.type_name, message.values), at)
-            # The step is last: what it needs is there.
+            # The step is written last, after its data.
             self._write(STEP, json.dumps(step_values(state), allow_nan=False).encode(), at)
         except OSError as error:
             raise OutputLost(f"{self._path}: {error.strerror or error}") from None
@@ -99,7 +99,7 @@ class Recorder:
 def attached_files(
     rig_path: Path | None, map_path: Path | None, rig: AnyRig, landmarks: LandmarkMap
 ) -> dict[str, bytes]:
-    """Files of rig and map, so that a recording can be replayed alone; as they are, where they came from files."""
+    """Files of rig and map, to replay a recording without other files; original files are unchanged."""
     return {
         **_file("rig", rig_path, rig_to_yaml(rig)),
         **_file("map", map_path, map_to_yaml(landmarks)),
@@ -113,7 +113,7 @@ def _file(kind: str, path: Path | None, text: str) -> dict[str, bytes]:
 
 
 def free_name(path: Path) -> Path:
-    """The path, or the first with a number that is free."""
+    """The path, or the first unused path with a number."""
     number, free = 1, path
     while free.exists():
         number += 1

@@ -1,4 +1,4 @@
-"""ROS 2: poses, transforms, detections and diagnostics, by whichever transport is here."""
+"""ROS 2: poses, transforms, detections and diagnostics, by the available transport."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""WebSocket: every step as one JSON text, to whoever is connected (extra ``web``)."""
+"""WebSocket: every step as one JSON text, to all connected clients (extra ``web``)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from lmkit.live.outputs.extras import require
 from lmkit.live.state import LiveState
 
 PORT = 8765
-MOST_BEHIND = 1 << 20  # bytes that a slow reader may have waiting before steps are left out for it
+MOST_BEHIND = 1 << 20  # queued bytes of a slow reader, beyond which it misses steps
 
 
 class WebSocketServer:
-    """A server on ``HOST:PORT``; a reader that falls behind misses steps, and holds nobody up.
+    """A server on ``HOST:PORT``; a slow reader misses steps, and does not delay others.
 
     Args:
-        host: 127.0.0.1 unless asked for.
+        host: 127.0.0.1 by default.
 
     Raises:
         InputError: websockets is not installed.
@@ -58,7 +58,7 @@ class WebSocketServer:
     async def _welcome(self, peer: Any) -> None:
         self._peers.add(peer)
         try:
-            async for _ in peer:  # what readers say is not listened to
+            async for _ in peer:  # messages from readers are ignored
                 pass
         finally:
             self._peers.discard(peer)

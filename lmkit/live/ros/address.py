@@ -19,7 +19,7 @@ _NAME = re.compile(r"/?[A-Za-z_][\w/]*")
 
 @dataclass(frozen=True)
 class RosAddress:
-    """How ROS 2 is reached, and the names that are used there.
+    """Connection to ROS 2, and the names used in ROS 2.
 
     Attributes:
         topic: of an input; empty for the output.
@@ -28,10 +28,10 @@ class RosAddress:
         url: of the Zenoh router or the rosbridge server; empty: the usual one on this machine.
         namespace: of the topics, without slashes at its ends.
         map_frame, odom_frame, base_frame: names of the frames.
-        tf: ``auto``: map->odom where odometry has poses; ``base``: map->base; ``no``.
-        odometry: the pose goes out as nav_msgs/Odometry as well.
+        tf: ``auto``: map->odom if odometry has poses; ``base``: map->base; ``no``.
+        odometry: also publish the pose as nav_msgs/Odometry.
         dock: landmark of a dock.
-        images_hz: images with what was read in them, at most so many a second; 0: none.
+        images_hz: largest rate of annotated images; 0: none.
         hashes: type hashes in Zenoh's keys (ROS 2 before Iron has none).
     """
 

@@ -1,4 +1,4 @@
-"""CDR, the bytes of ROS 2 messages, and the hashes of their types, by rosbags."""
+"""CDR, the encoding of ROS 2 messages, and the hashes of their types, by rosbags."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lmkit.live.ros.messages import DEFINITIONS, Values
 
 
 class Cdr:
-    """Turns plain values into bytes and back."""
+    """Converts plain values to bytes and back."""
 
     def __init__(self) -> None:
         from rosbags.interfaces import Nodetype
@@ -33,15 +33,15 @@ class Cdr:
         return values
 
     def decode_arrays(self, type_name: str, data: bytes) -> Any:
-        """The message as rosbags has it, arrays left as arrays."""
+        """The message in the form of rosbags, with arrays unchanged."""
         return self._store.deserialize_cdr(data, type_name)
 
     def definition(self, type_name: str) -> str:
-        """Definition of a type, with those of the types within."""
+        """Definition of a type, with the definitions of its member types."""
         return str(self._store.generate_msgdef(type_name, ros_version=2)[0])
 
     def type_hash(self, type_name: str) -> str:
-        """Hash of a type, as ROS 2 has it from Iron on: ``RIHS01_...``."""
+        """Hash of a type in ROS 2 from Iron on: ``RIHS01_...``."""
         return str(self._store.hash_rihs01(type_name))
 
     def _object(self, type_name: str, values: Values) -> Any:

@@ -1,4 +1,4 @@
-"""ROS 2 messages of a step as plain values; each transport turns them into its own objects."""
+"""ROS 2 messages of a step as plain values; each transport converts them to its own objects."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 IMAGE = "sensor_msgs/msg/CompressedImage"
 IMU = "sensor_msgs/msg/Imu"
 
-# Types that ROS 2's own packages do not hold; as the package apriltag_msgs defines them.
+# Types that are not in ROS 2's own packages; from the package apriltag_msgs.
 DEFINITIONS = {
     "apriltag_msgs/msg/Point": "float64 x\nfloat64 y\n",
     "apriltag_msgs/msg/AprilTagDetection": "string family\nint32 id\nint32 hamming\nfloat32 goodness\n"
     "float32 decision_margin\napriltag_msgs/Point center\napriltag_msgs/Point[4] corners\nfloat64[9] homography\n",
     DETECTIONS: "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections\n",
 }
-# AprilTag counts corners from the lower left counterclockwise, lmkit from the upper left clockwise.
+# AprilTag orders corners counterclockwise from the lower left, lmkit clockwise from the upper left.
 APRILTAG_ORDER = [3, 2, 1, 0]
 APRILTAG_CORNERS = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 DIAGNOSTICS_S = 1.0
-EARLY = 0.1  # share of the time between images by which one may come early: cameras' stamps are not even
+EARLY = 0.1  # share of the interval by which an image may be early: cameras' stamps are not evenly spaced
 LEVELS = {True: 0, False: 1}  # OK, WARN
 UNKNOWN_VARIANCE = 1e9
 
@@ -53,7 +53,7 @@ class RosMessage:
     Attributes:
         topic: with its leading slash.
         type_name: such as ``nav_msgs/msg/Odometry``.
-        values: fields by name; messages within messages are dictionaries.
+        values: fields by name; nested messages are dictionaries.
     """
 
     topic: str
@@ -101,7 +101,7 @@ class StepMessages:
             yield RosMessage("/diagnostics", DIAGNOSTICS, diagnostics_values(state))
 
     def _image(self, state: LiveState) -> Iterator[RosMessage]:
-        """All cameras side by side, with what was read outlined; drawn only as often as asked for."""
+        """All cameras side by side, with outlined detections; drawn only at the requested rate."""
         hz = self._address.images_hz
         if not hz or 0 <= state.time_s - self._shown_at < (1 - EARLY) / hz:
             return
@@ -133,7 +133,7 @@ class StepMessages:
         yield RosMessage("/tf", TRANSFORMS, {"transforms": [values]})
 
     def _dock(self, state: LiveState, T_map_base: Pose) -> Iterator[RosMessage]:
-        """The dock's landmark as the robot has it, where it is among those that agree with the pose."""
+        """The dock's landmark relative to the robot, if this landmark agrees with the pose."""
         if self._dock_pose is None or self._address.dock not in state.ids:
             return
         T = T_map_base.inverse() @ self._dock_pose

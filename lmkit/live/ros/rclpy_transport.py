@@ -1,4 +1,4 @@
-"""ROS 2 by rclpy, where a ROS installation is sourced."""
+"""ROS 2 by rclpy, with a sourced ROS installation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lmkit.live.ros.transport import NODE, Heard, TransportLost
 
 
 class RclpyTransport:
-    """A node of an installed ROS 2, in a context of its own."""
+    """A node of an installed ROS 2, in its own context."""
 
     def __init__(self, address: RosAddress) -> None:
         self._rclpy: Any = import_module("rclpy")
@@ -68,7 +68,7 @@ class RclpyTransport:
 
 
 def as_bytes(values: Any) -> Any:
-    """The values as rclpy has them: a diagnostic's level as bytes, images as arrays of the standard library."""
+    """The values in the types of rclpy: a diagnostic's level as bytes, images as arrays of the standard library."""
     if isinstance(values, np.ndarray):
         return array("B", values.tobytes())
     if isinstance(values, dict):

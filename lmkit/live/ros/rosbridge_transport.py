@@ -75,7 +75,7 @@ class RosbridgeTransport:
 
 
 def _plain(values: Values) -> Values:
-    """Bytes as rosbridge has them: in base64."""
+    """Bytes in the encoding of rosbridge: base64."""
     return {
         name: base64.b64encode(value.tobytes()).decode() if isinstance(value, np.ndarray) else value
         for name, value in values.items()

@@ -21,7 +21,7 @@ NEEDS = {
 
 
 class TransportLost(Exception):
-    """ROS 2 cannot be reached; the message says why."""
+    """ROS 2 cannot be reached; the message has the reason."""
 
 
 class Transport(Protocol):
@@ -37,17 +37,17 @@ class Transport(Protocol):
         """Call ``heard`` with every message, from any thread."""
 
     def check(self) -> None:
-        """Raise if the connection is gone."""
+        """Raise if the connection is lost."""
 
     def close(self) -> None:
-        """Leave."""
+        """Close the connection."""
 
 
 def choose(address: RosAddress) -> str:
-    """The transport asked for, else the first whose packages are here.
+    """The requested transport, else the first one with installed packages.
 
     Raises:
-        InputError: it is not installed, or none is.
+        InputError: it is not installed, or no transport is.
     """
     asked = list(NEEDS) if address.transport == "auto" else [address.transport]
     for name in asked:

@@ -1,4 +1,4 @@
-"""ROS 2 by Zenoh, as ``rmw_zenoh`` speaks it: keys, CDR, attachments and liveliness tokens (extra ``ros``)."""
+"""ROS 2 by Zenoh, in the protocol of ``rmw_zenoh``: keys, CDR, attachments, liveliness tokens (extra ``ros``)."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def dds_type(type_name: str) -> str:
 
 
 class ZenohTransport:
-    """A session as of a ROS 2 node: a peer that connects to the router."""
+    """A session like that of a ROS 2 node: a peer that connects to the router."""
 
     def __init__(self, address: RosAddress) -> None:
         import zenoh
 
         self._cdr, self._address = Cdr(), address
         config = zenoh.Config()
-        # As rmw_zenoh's sessions: the router is known, nobody is looked for.
+        # Like rmw_zenoh's sessions: the router is known, without discovery.
         config.insert_json5("mode", '"peer"')
         config.insert_json5("connect/endpoints", json.dumps([address.url or ZENOH_ROUTER]))
         config.insert_json5("connect/exit_on_failure", "true")
@@ -51,7 +51,7 @@ class ZenohTransport:
             raise TransportLost(f"no Zenoh router at {where}: {str(error).splitlines()[0][:120]}") from None
         self._publishers: dict[str, tuple[Any, bytes]] = {}
         self._numbers: dict[str, int] = {}
-        self._held: list[Any] = []  # tokens and subscribers live as long as they are held
+        self._held: list[Any] = []  # references that keep tokens and subscribers alive
         self._token("NN")
 
     def _token(self, kind: str, topic: str = "", type_name: str = "") -> str:
