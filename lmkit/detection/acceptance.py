@@ -32,8 +32,10 @@ class Term:
     reason: str
 
 
-TURN_PER_CODE = 0.6  # a quarter turn changes more of the drawing than a code: its margin is so much easier to reach
-FOREIGN = 3.0  # what the best of many rectangles explains where nothing stands
+TURN_PER_CODE = (
+    0.6  # a quarter turn changes more of the drawing than a code, so the same margin is less evidence by this factor
+)
+FOREIGN = 3.0  # usual gain of the best of many rectangles without an object
 # A reading with log odds and a margin below these is compared with its rivals, which are fitted too (`rivals`).  It
 # is then no surer than this share of its margin over them.
 DOUBTFUL, CLEAR_MARGIN, SHARE_OF_RIVAL_MARGIN = 3.8, 80.0, 0.25
@@ -98,7 +100,7 @@ class ScoredReading:
 
     @cached_property
     def figures(self) -> dict[str, float]:
-        """The figures of the terms, by name; each is finite whatever the image shows."""
+        """The values of the terms, by name; each is finite for any image."""
         d = self.decoding
         white, red, sigma = max(d.white_over_ground, 0.1), d.red_over_blue, max(*d.parts_sigma.tolist(), 0.01)
         margin = max(min(d.code_margin, TURN_PER_CODE * d.turn_margin), 0.0)

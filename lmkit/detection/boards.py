@@ -22,15 +22,15 @@ from lmkit.model.observation import BoardObservation
 
 MIN_CHARUCO_CORNERS = 6
 MIN_LANDMARKS = 2
-SIZE_CHECK_PX = 1200  # the longer side of images in which the size of a chessboard is looked for
-LOOK_PX = 640  # the longer side of a copy in which a chessboard is looked for first
+SIZE_CHECK_PX = 1200  # longer side of the images for the search of a chessboard's size
+LOOK_PX = 640  # longer side of the copy for the first search of a chessboard
 AROUND = 2.0  # of the largest square: margin of the window that is then searched for exact corners
 LEAST_LINES = 3  # of inner corners
 LEAST_SADDLES = 0.8  # share of a chessboard's corners at which four squares meet
 SADDLE_CONTRAST = 0.3  # of opposite quadrants against neighbors, relative to the contrast of all four
 BETWEEN = 0.12  # a corner's brightness is so far from both its squares', relative to their contrast; a gap's is not
-DRAWN_BLUR_PX, DRAWN_BLUR_SHARE = 1.0, 0.02  # standard deviation, at most so much of a square
-COUNTED = r"DICT_\dX\d_\d+"  # names of dictionaries that say how many markers they have
+DRAWN_BLUR_PX, DRAWN_BLUR_SHARE = 1.0, 0.02  # standard deviation, px, and its largest share of a square
+COUNTED = r"DICT_\dX\d_\d+"  # names of dictionaries with a number of markers
 MIN_MARKERS = 4  # in every image, for another dictionary to be named
 
 
@@ -85,7 +85,7 @@ def grid_size(gray: ByteArray) -> tuple[int, int] | None:
 
 
 def grid_corners(gray: ByteArray) -> FloatArray | None:
-    """(R,C,2) inner corners, pixels, of the chessboard in an image, whatever its size, or None.
+    """(R,C,2) inner corners, pixels, of the chessboard in an image, of any size, or None.
 
     Lines of corners at which no four squares meet, as on a white rim, are not counted; neither is a grid of other
     things, such as circles.

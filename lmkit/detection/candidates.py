@@ -2,7 +2,7 @@
 
 Color alone loses dim, warm and noisy images (docs/landmark.md, section 6), so the squares come
 from brightness (white margin against red and blue) and from red (white and red against blue), each with
-a local threshold.  What is found is only a place to look: loose tests here, strict ones after decoding.
+a local threshold.  Candidates are only places to examine: loose tests here, strict ones after decoding.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from lmkit.kernels.workspace import Workspace
 
 MIN_SIDE_PX = 8.0
 LEAST_SIDE_IN_LEVEL_PX = 4.0  # of a halved image
-COMPLETED_SIDE = 2.5  # times that, from which squares with a hidden part are completed
-STRAIGHT = 0.012  # of the outline's length, how far a straight stretch may deviate
+COMPLETED_SIDE = 2.5  # multiple of the least side, from which partly hidden squares are completed
+STRAIGHT = 0.012  # largest deviation of a straight segment, as a share of the outline's length
 STEP_PER_CHANGE, STEP_LIMITS = 3.0, (2.0, 12.0)  # usual change between neighbors; gray levels: outlines begin there
 LONGEST = 8.0  # times height plus width: longer outlines are clutter
 OFFSET, OFFSET_PER_SIGMA = 6.0, 4.0  # added to code values before their logarithm, against noise
-GROUND_TO_FACE = 90 / 80  # what is dark in red is the ground; the face is so much larger
+GROUND_TO_FACE = 90 / 80  # the region that is dark in red is the ground; the face is larger by this factor
 
 _WORKSPACE = Workspace()
 
@@ -35,10 +35,10 @@ class Source:
 
     Attributes:
         channel: ``gray`` or ``red``.
-        halvings: how often the image is halved before.
+        halvings: number of halvings of the image before.
         window: side of the window for the local mean, pixels of that image.
-        darker: share by which a pixel must lie under its local mean, or, where negative, by which it may lie over
-            it.  A ratio and not gray levels, so that dim and bright rooms are treated alike.
+        darker: share by which a pixel must be below its local mean or, if negative, by which it may be above
+            it.  It is a ratio, not gray levels, so that the brightness of the room has no effect.
     """
 
     channel: str
@@ -49,12 +49,12 @@ class Source:
 
 @dataclass(frozen=True)
 class WhereToLook:
-    """Which parts of an image are searched.
+    """Parts of an image that are searched.
 
     Attributes:
         ratio, luma: least range of the logarithms of red over blue and of brightness around a cell of 8 px.
-        dilated: also the cells beside those.
-        fine_ratio, fine_luma: both in the image as it is, whose outlines take the most time; no less than the others.
+        dilated: include neighboring cells.
+        fine_ratio, fine_luma: both in the full image, whose outlines take the most time; at least the others.
     """
 
     ratio: float = 0.15
@@ -65,7 +65,7 @@ class WhereToLook:
 
     @property
     def contrast(self) -> Contrast:
-        """Least contrast as the kernel takes it."""
+        """Least contrast in the form for the kernel."""
         return Contrast(self.ratio, self.luma, max(self.ratio, self.fine_ratio), max(self.luma, self.fine_luma))
 
 
@@ -79,7 +79,7 @@ def find_candidates(
         noise: standard deviation of the code values over 255.
 
     Returns:
-        (N,4,2) corners in pixels, clockwise as seen, many of them nothing or the same square twice.
+        (N,4,2) corners in pixels, clockwise as seen; many are not landmarks, or the same square twice.
     """
     half = min(1, len(levels) - 1)
     offset = OFFSET + OFFSET_PER_SIGMA * 255 * noise / 2**half
@@ -109,9 +109,9 @@ def _channel_of(image: ByteArray, channel: str) -> ByteArray:
 
 
 def grown(quads: FloatArray, factor: float) -> FloatArray:
-    """(N,4,2) quads whose squares are so many times larger about their middles, in perspective.
+    """(N,4,2) quads enlarged by a factor about the centers of their squares, in perspective.
 
-    With the middle m (where the diagonals cross) and a corner c, the point at ``factor`` times the corner's
+    With the center m (the intersection of the diagonals) and a corner c, the point at ``factor`` times the corner's
     distance on the diagonal from m follows from the diagonal's vanishing point.
     """
     if len(quads) == 0:

@@ -1,4 +1,4 @@
-"""Settings of detection: which landmarks, how hard to look, what to accept, through which lens."""
+"""Settings of detection: families, thoroughness, acceptance and lens."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ FINE = Source("gray", 0, 5, 0.0)
 FINE_LINES = Source("gray", 0, 5, -0.02)
 RED = Source("red", 1, 5, -0.03)
 # The full image is searched where there is more contrast: a sixth of its time, and 1 of 254 landmarks on simulated
-# images that is seen by nothing else.
+# images that no other search finds.
 WHERE = WhereToLook(ratio=0.15, luma=0.2, fine_ratio=0.2, fine_luma=0.3)
 
 
 @dataclass(frozen=True)
 class DetectorConfig:
-    """How hard to look; the profiles ``fast``, ``balanced`` and ``accurate`` are such configurations.
+    """Thoroughness of detection; the profiles ``fast``, ``balanced`` and ``accurate`` are such configurations.
 
     Attributes:
         sources: images in which squares are searched; each costs a pass over the image, and more find more
             blurred, small or faded landmarks.
-        where: which parts of the image are searched.
+        where: parts of the image that are searched.
         min_pattern: share of the brightness that the pattern must explain before a candidate is aligned.
         align_rounds: steps of the alignment of one candidate.
         aligned: thresholds of an aligned candidate.
         min_aligned_pattern: share that the pattern must explain before a candidate is registered.
-        shaded_pattern, shaded_aligned_pattern: the same two shares where the light is taken out, which makes
-            patterns of edges of all kinds; those of landmarks are larger.
-        pixels: pixels of one landmark that are registered; time grows with them, and corners become better.
-        in_shadow: search again, with the light taken out, where a shadow may end on a landmark.
+        shaded_pattern, shaded_aligned_pattern: the same two shares in the shadow-normalized image, which has
+            patterns at edges of all kinds; landmarks have larger shares.
+        pixels: number of registered pixels of one landmark; more pixels take more time and give better corners.
+        in_shadow: search again in the shadow-normalized image if a shadow may end on a landmark.
 
     Examples:
         >>> from dataclasses import replace
@@ -72,14 +72,14 @@ class DetectOptions:
     """Options of detection.
 
     Attributes:
-        families: which landmarks to look for; no two may share a drawing.
-        config: how hard to look; see :data:`PROFILES`.
+        families: families to detect; no two may share a drawing.
+        config: thoroughness; see :data:`PROFILES`.
         rule: least score of a landmark; see :data:`lmkit.detection.acceptance.STRICTNESSES`.
         through_lens: the image comes through a lens, so straight edges may be curved; off for scans and
             rasterized pages.
         camera: the camera that took the image, if it is calibrated: its own distortion then takes the
             place of a guessed distortion.
-        inverted_tags: square markers are read in white on black too.
+        inverted_tags: also read square markers in white on black.
     """
 
     families: tuple[MarkerFamily, ...] = (LM8,)

@@ -33,12 +33,12 @@ RULES = DecodingRules(
 )
 PROMISING_TURN_MARGIN, PROMISING_PATTERN = 2.0, 0.02
 PROMISING_RED_OVER_BLUE, PROMISING_CONTRAST = 0.1, 1.1
-# Once the code stands at the first pixels; 1 in 500 of what is accepted in the end shows less.
+# When the code is stable at the first pixels; 1 in 500 accepted landmarks has less.
 SETTLED_CODE_MARGIN, SETTLED_TURN_MARGIN = 1.5, 6.0
 # A turn so clear leaves only the code open: few of a large landmark's first pixels lie in its gaps.
 SETTLED_CLEAR = 60.0
-CORRELATED_PIXELS = 3.0  # demosaicing and JPEG spread a pixel's error over so many
-PART_TOLERANCE = 0.08  # uneven print and light: a part may differ so much from white or blue
+CORRELATED_PIXELS = 3.0  # demosaicing and JPEG spread a pixel's error over this number of pixels
+PART_TOLERANCE = 0.08  # uneven print and light: usual difference of a part from white or blue
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from lmkit.model.observation import Detection
 if TYPE_CHECKING:
     from lmkit.detection.tag_registration import TagCandidate
 
-# The strict limit: what is read less surely may lie in a shadow.  Small landmarks are seldom read more surely; of 37
+# The strict limit: landmarks below it may be in a shadow.  Small landmarks are rarely above it; of 37
 # on simulated images that were tried as shadows, none was accepted as another code there.
 SURE_LOG_ODDS, SMALL_PX = 3.0, 30.0
 

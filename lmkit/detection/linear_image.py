@@ -27,7 +27,7 @@ from lmkit.model.palette import SRGB_TO_LINEAR
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, px; the last two not included
 LEAST_LEVEL_PX = 24  # no level of the pyramid is smaller
 LEAST_ERROR = 1 / 255  # twice this value gives a few more readings, and more wrong codes
-# Clearing a box costs less than new pages of memory, and so do levels that are written anew.
+# Clearing a box, or writing levels again, takes less time than new pages of memory.
 _BLANKS, _LEVELS = Loans(2), Loans(2)
 
 
@@ -126,7 +126,7 @@ class LinearImage:
         return Pyramid(tuple(levels), self.source.linear)
 
     def halved(self, times: int) -> LinearImage:
-        """The image at half the size, so many times; its lens is left out."""
+        """The image after a number of halvings, without its lens."""
         level = min(times, len(self.pyramid.levels) - 1)
         source = Source.of(self.pyramid.levels[level], self.source.linear)
         return LinearImage(source, self.noise / 2**level, is_inverted=self.is_inverted)

@@ -1,7 +1,7 @@
 """Image model of a landmark through a lens: blurred coverage of every part, in closed form.
 
 An image of the flat pattern is the sharp drawing blurred by the point spread of lens, motion and
-pixel.  :mod:`lmkit.kernels.pattern` holds the formulas; this module says which edges a family has.
+pixel.  :mod:`lmkit.kernels.pattern` has the formulas; this module has the edges of a family.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class LandmarkPattern:
     family: LandmarkFamily
 
     def coverage(self, points: FloatArray, spread: FloatArray) -> PatternCoverage:
-        """Coverage by every part, whatever the code.
+        """Coverage by every part, independent of the code.
 
         Args:
             points: (N,2) mm at nominal size, x right, y up.

@@ -18,7 +18,7 @@ from lmkit.model.square_marker import SquareMarkerFamily
 
 MAX_PIXELS = 1500
 EDGE_BAND_PX = 3.0
-NEAR_SHARE = 0.8  # of the pixels, where those near edges are preferred
+NEAR_SHARE = 0.8  # share of pixels near edges, if these are preferred
 LEAST_PIXELS = 40
 DISTORTION = 11  # its place in the state
 

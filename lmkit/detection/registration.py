@@ -54,7 +54,7 @@ class DrawingFit:
         samples: pixels in use, with the weights of the last registration.
         drawing: the fitted drawing.
         hypothesis: the parts of it that are drawn.
-        channel_repeats: how often the three channels count the same light: 3 in gray images.
+        channel_repeats: number of channels with the same light: 3 in gray images.
         mixed_pixel_prior: standard deviation of the mixed-pixel bias.
         corner_errors: model of corner errors that residuals do not show.
     """

@@ -2,7 +2,7 @@
 
 A pole is a free-standing object whose angular width fits its radius and whose ranges fit a circle.  The center
 follows from the ranges (Gauss and Newton) and from which beams hit the pole and which passed beside it: at steps of a
-degree, few beams hit, and the passing ones say most about the bearing.
+degree, few beams hit, and the passing ones give most information on the bearing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lmkit.geometry.planar import wrap_heading
 from lmkit.model.scan import LaserScan, ScannedPole
 
 STEPS = 8
-SIGMAS_FREE = 5.0  # by which a pole stands before what is beside it
+SIGMAS_FREE = 5.0  # by which a pole is in front of its surroundings
 WIDTH_SLACK = 0.6  # of a step, by which a pole may appear too narrow or too wide: beams are not infinitely thin
 BEAM_SIGMA = 0.25  # of a step: where within a beam the echo comes from
 GRAZING = 0.97  # of the radius; a beam farther out is calculated as if it hit there

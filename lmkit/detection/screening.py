@@ -39,7 +39,7 @@ FULL_DETAIL_SIDE_PX = 40.0
 BLUR_PX = 1.2
 FURTHEST_MOVE = 0.12  # of the side
 DAMPING = 0.02
-# The gate's points: every landmark has white, red and ground there, whatever its family and code.
+# The gate's points: every landmark has white, red and ground there, for any family and code.
 GATE_MARGIN_MM, GATE_GROUND = 5.0, (0.82, 0.75)  # beyond the border; shares of the ground's half side
 # Small landmarks mix red and ground, a veil whitens both.  Of 3,158 places that are read, 5 have no square that
 # passes; of the squares elsewhere a third does not.
@@ -51,7 +51,7 @@ class ScreeningThresholds:
     """Thresholds for a candidate; the strict test comes after registration.
 
     Attributes:
-        white_over_dark: how much brighter white is than red and than blue, as a ratio.
+        white_over_dark: ratio of white to red, and of white to blue.
         white_over_ground: than blue alone.
         red_over_blue: see :func:`lmkit.detection.hypotheses.red_over_blue`.
         contrast: share by which blue is darker than white, in the channel where that is least.
@@ -83,7 +83,7 @@ class LikelyRule:
         shares: share of what a framed square leaves unexplained that rings and triangle must explain, of a square as
             it was found and of one that was moved to where it fits.
         rounds: steps of the moves.
-        aligned: thresholds of those that were moved.
+        aligned: thresholds of moved squares.
         in_shadow: normalize the light, and leave out squares on which no shadow may end.
     """
 
@@ -115,7 +115,7 @@ def screen_candidates(
 
     Args:
         quads: (N,4,2) corners, px, clockwise; misshapen ones score -1.
-        aligned: what those that were moved must show.
+        aligned: thresholds of moved squares.
         in_shadow: normalize the light, and score 0 if no shadow may end on the square.
     """
     return _screening(family, aligned).screen(pyramid, quads, rounds, SHADOW_WINDOW if in_shadow else 0)

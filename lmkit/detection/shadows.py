@@ -3,7 +3,7 @@
 A landmark that is half in the sun and half in the shade looks like two landmarks to every threshold and every
 model of one light.  The white nearby determines the light: a gray closing (the smallest of the
 largest values around) preserves the shadow's edge, which a mean would blur, and bridges
-the dark parts, as long as its window is wider than those.  Once the landmark is read, the drawing
+the dark parts, if its window is wider than these parts.  Once the landmark is read, the drawing
 predicts the brightness of every pixel, and one straight edge between two lights is fitted.
 """
 

@@ -24,7 +24,7 @@ from lmkit.kernels.registration import Samples
 from lmkit.model.square_marker import SquareMarkerFamily
 
 MODEL_SHARE = 0.02  # of the contrast: smallest error of any model of blur and print
-REFUTED = 100.0  # log likelihood ratio of a margin with a light of its own: a tenth of the contrast in a clear image
+REFUTED = 100.0  # log likelihood ratio of a margin with different light: a tenth of the contrast in a clear image
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class TagDecoding:
 
     @cached_property
     def cell_error(self) -> float:
-        """Root mean square deviation of the cells from those of the code; 0.5 is no agreement."""
+        """Root mean square deviation of the cells from the code's cells; 0.5 is no agreement."""
         return _root_mean_square(self.cells, self.expected)
 
     def is_same_code(self, other: TagDecoding) -> bool:
@@ -89,7 +89,7 @@ def tag_tables_of(family: SquareMarkerFamily) -> TagTables:
 def drawing_of_cells(family: SquareMarkerFamily, white: FloatArray, has_own_ground: bool = False) -> GridDrawing:
     """The drawing of a marker with these (bits,bits) shares of white in the square's frame.
 
-    The surroundings begin at the border where the ground has a light of its own.
+    The surroundings begin at the border if the margin has different light.
     """
     darkness = np.ones((family.cells, family.cells))
     inside = slice(family.border_cells, family.cells - family.border_cells)
@@ -152,7 +152,7 @@ def border_error_of(
 ) -> float:
     """Root mean square distance of the border's cells, each fitted on its own, from black.
 
-    Windows, tiles and letters often have an inside like a code's; hardly any has twenty dark cells around it.
+    Windows, tiles and letters often have an inside like a code's, but rarely twenty dark cells around it.
     """
     tied = grid_moments(tag_tables_of(family).empty, 0, view, samples, state)
     products = _with_own_ground(tied) if decoding.has_own_ground else tied

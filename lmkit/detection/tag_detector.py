@@ -29,7 +29,7 @@ CLEAR = 0.06  # cell error of markers on which no shadow ends that moves corners
 
 
 def find_tags(image: ByteArray, options: DetectOptions, near: FloatArray | None) -> list[TagCandidate]:
-    """Square markers of (H,W,3) BGR, 8 bit, those that are rejected included.
+    """Square markers of (H,W,3) BGR, 8 bit, including rejected ones.
 
     Args:
         near: (N,4,2) where they are expected, px; only windows around them are searched.
@@ -70,7 +70,7 @@ def tag_candidates_of(
 
 
 def read_tags(image: LinearImage, quads: FloatArray, options: DetectOptions, gray: bool) -> list[TagCandidate]:
-    """Square markers among (N,4,2) quads that were found by other means, px; only those that are accepted."""
+    """Accepted square markers among (N,4,2) quads, px, that were found by other methods."""
     found = _read_quads(image, quads, options.square_families, options, gray)
     return [candidate for candidate in found if candidate.rejected is None]
 

@@ -41,7 +41,7 @@ class Promise(NamedTuple):
     """Least decoding with which registration continues, much looser than the final acceptance.
 
     Attributes:
-        pattern: least share that the cells explain; noise lowers it, so that it says little in dim light.
+        pattern: least share explained by the cells; noise lowers it, so that it is weak evidence in dim light.
         cell_error: most root mean square distance of the cells from the code's.
         margin: least log likelihood ratio against any other reading.
     """
@@ -83,7 +83,7 @@ CLEARNESSES = (
     Clearness(0.249, 0.20, 0.016),
     Clearness(0.20, 0.20, 0.004),
 )
-MOST_FALSE = 1e-3  # markers of a photograph that holds none
+MOST_FALSE = 1e-3  # markers in a photograph without markers
 
 
 @dataclass(frozen=True)

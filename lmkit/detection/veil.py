@@ -1,8 +1,8 @@
 """Images of little contrast, in fog or behind dirty glass: stretched before squares are searched in them.
 
-The tests for squares ask how much brighter white is than what surrounds it, as a ratio, which a veil of light brings
+The tests for squares use the ratio of white to its surroundings, which a veil of light brings
 close to one.  Where the whole image shows little contrast, its code values are spread out first.  Registration and
-reading take the image as it is: their inks are whatever the light makes them.
+reading use the original image: their inks are free.
 """
 
 from __future__ import annotations

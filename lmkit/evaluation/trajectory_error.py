@@ -1,7 +1,7 @@
 """How far an estimated trajectory is from the true one: the field's measures, as evo defines them.
 
 Absolute error: position differences after alignment (Sturm et al. 2012, "ATE"; Umeyama 1991 for the
-alignment).  Relative error: how far the motion over a number of poses is off, which no early mistake
+alignment).  Relative error: error of the motion over a number of poses, which no early mistake
 can spoil.
 """
 
@@ -20,7 +20,7 @@ from lmkit.model.trajectory import Trajectory
 
 ALIGNMENTS = ("none", "rigid", "scale")
 AT_LEAST_0 = "give max_apart_s (--max-apart) in seconds, 0 or more"
-LEAST_ACTUAL_M = 0.05  # the percentage error of a shorter distance says nothing
+LEAST_ACTUAL_M = 0.05  # the percentage error of a shorter distance has no meaning
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def compare_trajectories(
     Args:
         align: ``none``: both are in the same map; ``rigid``: the estimate is turned and shifted onto the truth;
             ``scale``: and stretched.
-        delta: relative errors are of the motion over so many poses.
+        delta: number of poses over which relative errors are measured.
         max_apart_s: poses belong together when their times differ by no more.
 
     Raises:
@@ -235,7 +235,7 @@ def _relative(true: Trajectory, found: Trajectory, delta: int) -> tuple[FloatArr
 def _headings(trajectory: Trajectory) -> FloatArray:
     """(N,) rad: where the x axis points in the map's plane; of a camera that looks level, its z axis."""
     R = trajectory.rotations
-    # The axis that lies flattest says it best: x of a robot's base, z of a camera.
+    # The most level axis is best determined: x of a robot's base, z of a camera.
     axis = 0 if np.abs(R[:, 2, 0]).mean() <= np.abs(R[:, 2, 2]).mean() else 2
     return np.arctan2(R[:, 1, axis], R[:, 0, axis])
 

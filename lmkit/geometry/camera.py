@@ -13,7 +13,7 @@ from lmkit.arrays import BoolArray, FloatArray, frozen
 from lmkit.errors import InputError
 from lmkit.geometry.lens_models import LENS_MODELS, LensModel
 
-REACHED_PX = 0.5  # how well a ray must lead back to its pixel
+REACHED_PX = 0.5  # largest reprojection error of a ray
 
 
 @dataclass(frozen=True, eq=False)

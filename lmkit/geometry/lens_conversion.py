@@ -9,7 +9,7 @@ from lmkit.errors import InputError
 from lmkit.geometry.camera import CameraModel
 
 GRID = (24, 18)
-LEAST_PIXELS = 40  # of the grid, within which the distortion holds
+LEAST_PIXELS = 40  # of the grid, inside the range of the distortion
 
 
 def with_four_coefficients(camera: CameraModel, model: str) -> tuple[CameraModel, float]:

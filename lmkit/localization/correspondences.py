@@ -109,7 +109,7 @@ class Correspondences:
     def _mapped(
         self, observations: Sequence[Detection], landmarks: LandmarkMap
     ) -> list[tuple[Detection, MappedLandmark]]:
-        """Observations of mapped landmarks; those that are in the image more than once go into ``twice``."""
+        """Observations of mapped landmarks; ids that are in the image more than once go into ``twice``."""
         found = [(o, m) for o in observations if (m := landmarks.find(o.id)) is not None]
         if len({o.id for o, _ in found}) < len(found):
             seen = Counter(o.id for o, _ in found)

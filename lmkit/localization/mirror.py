@@ -22,7 +22,7 @@ FRAMES = 8  # that are tested
 LEAST = 2  # landmarks that a frame must show
 AGREES = 0.6  # share of the mirrored landmarks that a pose explains
 AXIS_OF = {"left to right": 0, "upside down": 1}  # image axis along which pixels are reversed
-CORNERS = [1, 0, 3, 2]  # of the landmark as it stands
+CORNERS = [1, 0, 3, 2]  # of the upright landmark
 
 
 def find_mirror(frames: Sequence[RigFrame], rig: AnyRig, landmarks: LandmarkMap) -> Cause | None:

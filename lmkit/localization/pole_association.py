@@ -197,7 +197,7 @@ class _Association:
         return np.asarray(states[squared < 25.0])
 
     def _pairs(self) -> list[tuple[int, int]]:
-        """Pairs of different objects, those far apart first: they give the best headings."""
+        """Pairs of different objects, the most distant first, since these give the best headings."""
         i, j = np.triu_indices(len(self.points), 1)
         places = np.array([pole.place for pole in self.poles])
         different = places[i] != places[j]
@@ -219,7 +219,7 @@ class _Association:
         return np.column_stack([self.places[one, 0] - c * x + s * y, self.places[one, 1] - s * x - c * y, headings])
 
     def _explained(self, states: FloatArray) -> FloatArray:
-        """(S,) number of scanned poles near a mapped one; with a rough pose, minus how far the state is from it."""
+        """(S,) number of scanned poles near a mapped one; with a rough pose, minus the state's distance from it."""
         c, s = np.cos(states[:, 2])[:, None], np.sin(states[:, 2])[:, None]
         x = states[:, :1] + c * self.points[:, 0] - s * self.points[:, 1]
         y = states[:, 1:2] + s * self.points[:, 0] + c * self.points[:, 1]
@@ -230,7 +230,7 @@ class _Association:
 
     def _refined(self, state: FloatArray, is_rough: bool) -> _Hypothesis | None:
         """The state refined with all poles that it explains, by Gauss-Newton."""
-        # A start from two poles is about as uncertain as they are.
+        # A start from two poles is about as uncertain as the poles.
         covariance = self.rough.covariance if is_rough and self.rough is not None else PAIR_COVARIANCE
         matches: list[tuple[int, int]] = []
         for _ in range(REFINEMENTS):

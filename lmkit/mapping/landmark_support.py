@@ -92,7 +92,7 @@ def doubtful_landmarks(
 
 
 def _is_read_steadily(beside: int, read: int) -> bool:
-    """So many frames read a landmark of those that should.  Of fewer, as many are no less steady."""
+    """Whether ``read`` readings in ``beside`` frames that should have one are compatible with steady readings."""
     return bool(bdtr(read, beside, STEADY) >= BY_CHANCE)
 
 

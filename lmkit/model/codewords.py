@@ -1,8 +1,8 @@
-"""Code <-> gaps (docs/landmark.md, section 3).
+"""Codes and gaps (docs/landmark.md, section 3).
 
-A word is an integer whose bits, most significant first, say for each gap position of the family
-(outer ring first, then inward; clockwise from the triangle's apex) whether the ring is broken
-there: 1 = gap, 0 = no gap.  A family's codes number the words that it uses.
+A word is an integer with one bit, most significant first, for each gap position of the family
+(outer ring first, then inward; clockwise from the triangle's apex):
+1 = gap, 0 = no gap.  A family's codes number the words that it uses.
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from lmkit.arrays import BoolArray, FloatArray, IntArray
 from lmkit.kernels.line_of_sight import clear_lines
 
 NEAR_CELLS = 1.5  # so far off a wall a line of sight to it ends
-STRAIGHT_CELLS = 1.2  # by so much an outline may stray from a straight wall
+STRAIGHT_CELLS = 1.2  # largest deviation of an outline from a straight wall
 SHORTEST_M = 0.3
-BEHIND_CELLS = (0.5, 1.5, 2.5)  # so far behind an outline a wall for certain is looked for
+BEHIND_CELLS = (0.5, 1.5, 2.5)  # distances behind an outline at which a certain wall is searched
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class FloorPlan:
         free: (rows, columns), row 0 at the lowest y.
         cell_m: side of a cell.
         origin: (x, y) of the lower left corner of the first cell, meters in the map.
-        walls: those that can be seen from free space.
+        walls: walls visible from free space.
         places: named poses (x, y, heading; meters and rad).
         islands: drawn objects inside the rooms, where the plan comes from a drawing.
         island_cells: (rows, columns) number of the island at each cell, 0 elsewhere; None without islands.
@@ -161,7 +161,7 @@ def walls_of(
             inside = [_free_at(free, (a + b) / 2 + side * normal) for side in (1.0, -1.0)]
             if inside[0] == inside[1]:
                 continue
-            # Someone who faces it sees the left end on the left; the wall stands a quarter cell outside the outline.
+            # Left and right as seen by a viewer who faces the wall, which is a quarter cell outside the outline.
             left, right, normal = (a, b, normal) if inside[0] else (b, a, -normal)
             for start, end in [(left, right)] if solid is None else _solid_parts(solid, left, right, -normal):
                 ends = [np.array(origin) + (point - 0.25 * normal) * cell_m for point in (start, end)]

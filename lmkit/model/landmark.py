@@ -74,7 +74,7 @@ class LandmarkFamily:
 
     @cached_property
     def _hash(self) -> int:
-        """Hash of the numbers, kept since tables are looked up by family; hashes of text differ between processes."""
+        """Hash of the numbers, stored since tables are indexed by family; hashes of text differ between processes."""
         numbers = (self.triangle_mm, self.distance, self.side_mm, self.border_mm, self.margin_mm)
         return hash((self.version, self.rings, *numbers))
 
@@ -168,7 +168,7 @@ class LandmarkFamily:
 
     @property
     def corners_mm(self) -> FloatArray:
-        """(4,2) outer corners of the red border: top left, then clockwise as the landmark stands."""
+        """(4,2) outer corners of the red border: top left, then clockwise on the upright landmark."""
         h = self.half_mm
         return np.array([[-h, h], [h, h], [h, -h], [-h, -h]])
 

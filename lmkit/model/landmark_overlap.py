@@ -13,7 +13,7 @@ ALIKE = 0.5  # of two sizes: a marker that is smaller than that can be part of t
 
 
 def overlaps(landmarks: Iterable[MappedLandmark]) -> list[tuple[MappedLandmark, MappedLandmark, float]]:
-    """Pairs of landmarks that face the same way and overlap, in the order of ids, and how far apart (m)."""
+    """Pairs of landmarks that face the same way and overlap, in the order of ids, and their distance (m)."""
     pairs = []
     mapped = sorted(landmarks, key=lambda m: m.id)
     places, sizes = np.array([m.T_map_landmark.t for m in mapped]), np.array([m.size_m for m in mapped])

@@ -35,7 +35,7 @@ class Odometry:
 
     @classmethod
     def from_velocities(cls, times_s: FloatArray, forward_mps: FloatArray, turn_radps: FloatArray) -> Odometry:
-        """From velocities, each of which holds until the next row."""
+        """From velocities, each valid until the next row."""
         seconds = np.diff(times_s, prepend=times_s[:1])
         before = [np.concatenate([[0.0], values[:-1]]) for values in (forward_mps, turn_radps)]
         return cls(times_s, before[0] * seconds, before[1] * seconds)

@@ -158,7 +158,7 @@ def tape_ends(floor: FloorPlan, wall: Wall, along_m: float) -> tuple[TapeEnd, Ta
 
 
 def _corner(wall: Wall, other: Wall, out: FloatArray) -> float | None:
-    """Distance from the wall's left end at which another wall stands in the way of a tape along it, if it does."""
+    """Distance from the wall's left end at which another wall blocks a tape along it, if any."""
     crossing = float(other.along @ out)
     if other is wall or abs(crossing) < CROSSING:
         return None

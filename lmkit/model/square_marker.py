@@ -85,7 +85,7 @@ class SquareMarkerFamily:
 
     @property
     def ground_half_mm(self) -> float:
-        """Half of the side of the square that holds the code's cells."""
+        """Half of the side of the square of the code's cells."""
         return self.half_mm - self.border_mm
 
     @property
@@ -106,7 +106,7 @@ class SquareMarkerFamily:
         return np.rot90(table, TURNED_BY_OPENCV, axes=(1, 2)) if self.is_apriltag else table
 
     def chance(self, wrong_cells: int) -> float:
-        """Share of random insides that differ from some code, in some quarter turn, by so many cells at most."""
+        """Share of random insides that differ from any code, in any quarter turn, by at most a number of cells."""
         near = sum(math.comb(self.bits**2, wrong) for wrong in range(wrong_cells + 1))
         return min(4 * self.code_count * near / 2.0 ** (self.bits**2), 1.0)
 

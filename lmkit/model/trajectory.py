@@ -68,7 +68,7 @@ class Trajectory:
         return Trajectory(self.times_s[rows], self.positions[rows], self.quaternions[rows])
 
     def shifted(self, seconds: float) -> Trajectory:
-        """Poses whose times are those of another clock."""
+        """Poses with times of another clock."""
         return Trajectory(self.times_s + seconds, self.positions, self.quaternions)
 
     def moved(self, R: FloatArray, t: FloatArray, scale: float = 1.0) -> Trajectory:

@@ -15,11 +15,14 @@ from lmkit.geometry.rotations import rotation_exp
 UNLIKELY_SIGMA = 3.5  # of a parameter against its prior
 
 
-LEAST_DETERMINED, MOST_CORRECTED = 20.0, 3.0  # motions that poses tell of, to judge the noise by; factor at a time
+LEAST_DETERMINED, MOST_CORRECTED = (
+    20.0,
+    3.0,
+)  # least motions determined by poses, to estimate the noise; largest factor per step
 LONGEST_STEP_S = 0.5  # of time between rows: more is a gap, in which nothing is known
 
 
-# A rig of which no odometry says how it moved.
+# A rig without odometry.
 SPEED_MPS, SPEED_RADPS = 0.5, 0.7
 LEAST_STEP_M, LEAST_STEP_RAD = 0.02, 0.02
 LEAST_KNOT_S, MOST_KNOTS = 4.0, 32  # between knots of its velocity, and of them
@@ -54,9 +57,9 @@ class Motion(Protocol):
     """Odometry that predicts motion between frames: wheels (`MotionModel`) or poses (`odometry/pose_odometry.py`).
 
     Attributes:
-        names: of the numbers that say what is wrong with it.
+        names: names of the error parameters.
         nominal, prior_sigma: (P,) what they are taken to be before anything is seen.
-        of_base: it moves the robot's base, so that the rig must say where the camera sits on it.
+        of_base: whether it is the motion of the robot's base, so that the rig needs T_base_left.
     """
 
     @property
@@ -88,7 +91,7 @@ class BoundedMotion:
 
     Args:
         times_s: of the frames.
-        most_knots: at most so many; with none, the rig is expected at rest.
+        most_knots: largest number of knots; with none, the rig is expected at rest.
     """
 
     names: tuple[str, ...] = ()  # no odometry that could be wrong
@@ -105,7 +108,7 @@ class BoundedMotion:
         """Any time will do."""
 
     def steps(self, times_s: FloatArray, parameters: FloatArray) -> Steps:
-        """The motion at those velocities, give or take what a slow robot travels; derivatives for small turns."""
+        """The motion at these velocities, with the uncertainty of a slow robot's; derivatives for small rotations."""
         seconds = np.diff(times_s)
         place, turn = np.hypot(LEAST_STEP_M, SPEED_MPS * seconds), np.hypot(LEAST_STEP_RAD, SPEED_RADPS * seconds)
         R, t = self.between(times_s[:-1], times_s[1:], parameters)
@@ -123,7 +126,7 @@ class BoundedMotion:
     def between(
         self, before_s: FloatArray, after_s: FloatArray, parameters: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The motion at those velocities."""
+        """The motion at these velocities."""
         knots, weights = self._weights(before_s, after_s)
         moved = (weights[..., None] * parameters.reshape(-1, 6)[knots]).sum(axis=1)
         return rotation_exp(moved[:, 3:]), moved[:, :3]
@@ -140,7 +143,7 @@ class BoundedMotion:
 
 
 def determined_by_poses(before: FloatArray, after: FloatArray, states: FloatArray, across: FloatArray) -> FloatArray:
-    """(K-1,D) how far poses tell of motions beside the odometry: 1 where they know all, 0 where only it does.
+    """(K-1,D) share of the information on motions from poses: 1 from poses only, 0 from odometry only.
 
     Args:
         before, after: (K-1,D,D) derivatives of the motions, in standard deviations, with the earlier and later pose.
@@ -152,13 +155,13 @@ def determined_by_poses(before: FloatArray, after: FloatArray, states: FloatArra
 
 
 def noise_correction(residuals: FloatArray, determined: FloatArray) -> FloatArray:
-    """(D,) factors by which motions stray more than is taken.
+    """(D,) factors of the motions' noise relative to the assumed noise.
 
-    The likelihood of the noise, all else integrated out, is largest where the squared residuals add up to what the
-    poses tell of (MacKay 1992).
+    The marginal likelihood of the noise is largest if the sum of squared residuals equals the number of motions
+    determined by the poses (MacKay 1992).
 
     Args:
-        residuals: (K-1,D) of motions between neighbors in time, in standard deviations, robustly weighed.
+        residuals: (K-1,D) of motions between neighbors in time, in standard deviations, robustly weighted.
         determined: (K-1,D) of `determined_by_poses`.
     """
     count = determined.sum(axis=0)

@@ -102,7 +102,7 @@ class PoseRows:
         return self._path
 
     def _between_rows(self, time_s: float) -> tuple[_Row, _Row, float]:
-        """Rows before and after a time, and its share of the way from one to the other; at the ends, those."""
+        """Rows before and after a time, and its fraction between both; at the ends, the end row."""
         times, rows = self._all()
         own = min(max(time_s, times[0]), times[-1])
         after = min(max(bisect_left(times, own), 1), len(times) - 1)

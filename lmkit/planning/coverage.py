@@ -158,7 +158,7 @@ class FailingPlace:
 
 
 def places_on(floor: FloorPlan, radius_m: float, step_m: float | None = None) -> tuple[FloatArray, float]:
-    """(N,2) places where a robot of that radius can stand, on a raster, and its step.
+    """(N,2) places where a robot of a given radius can be, on a raster, and its step.
 
     Args:
         step_m: None: as fine as a few thousand places allow.

@@ -22,7 +22,7 @@ MOST_NAMED = 8  # landmarks that a summary lists
 
 
 def sheets_to_print(placement: Placement, paper: str = DEFAULT_PAPER) -> bytes:
-    """The new landmarks as a PDF that has been read back, a sheet each; those too large for the paper in tiles."""
+    """The new landmarks as a verified PDF, one sheet each; landmarks too large for the paper are tiled."""
     pages: list[Page] = []
     for landmark in (mount.landmark for mount in placement.mounts):
         layout = PrintLayout(family_named(landmark.family), None, paper, 1000 * landmark.size_m)
@@ -51,7 +51,7 @@ def placement_lines(placement: Placement, floor: FloorPlan, demand: Demand, list
     Args:
         listed_in: the file that lists all of them.
 
-    Distances are those of the mounting sheets: along the wall, from the corners that a tape measure reaches.
+    Distances as on the mounting sheets: along the wall, from the corners that a tape measure reaches.
     """
     count = len(placement.mounts)
     more = " more" if len(placement.landmarks) > count else ""

@@ -24,7 +24,7 @@ from lmkit.planning.placement_search import Search
 from lmkit.planning.visibility import find_sights
 from lmkit.units import counted
 
-MARGIN = 0.005  # of the share, for places between those of the search
+MARGIN = 0.005  # of the share, for places between the places of the search
 REMEDIES = 5
 MOST_PROMISED = 2000  # poses over which the promised error is averaged
 CHECKED_STEP = 0.7  # of the search's step between places: the result is checked at other places
@@ -36,9 +36,9 @@ class Placement:
 
     Attributes:
         mounts: the new ones.
-        landmarks: those and the ones that were mounted before.
+        landmarks: these landmarks and those that were mounted before.
         coverage: at places that the search did not use.
-        share: share of those places that meet the demand.
+        share: share of the places that meet the requirement.
         error_m: position error there, root mean square over all poses that meet the demand.
     """
 

@@ -117,7 +117,7 @@ class Search:
         """Refuse a demand that landmarks at all candidates together would not meet.
 
         Raises:
-            NegativeAnswer: says what is possible.
+            NegativeAnswer: names the best possible result.
         """
         for k in range(len(self.spots)):
             if not self._crowded(k):
