@@ -52,7 +52,7 @@ class LmkitError(Exception):
         return f"{self.message} ({self.hint})" if self.hint else self.message
 
     def as_dict(self) -> dict[str, str]:
-        """The error as it stands in ``--json`` output."""
+        """The error in the form of ``--json`` output."""
         return {"code": self.code, "message": self.message, "hint": self.hint}
 
 
@@ -63,7 +63,7 @@ class InputError(LmkitError):
 
 
 class InputWarning(UserWarning):
-    """Input that is possible, but seldom meant; the command line prints it in one line on stderr."""
+    """Input that is possible, but probably a mistake; the command line prints it in one line on stderr."""
 
 
 def warn_caller(warning: UserWarning) -> None:

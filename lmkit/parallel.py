@@ -1,4 +1,4 @@
-"""Worker processes for many independent jobs, and the memory that this one may take."""
+"""Worker processes for many independent jobs, and the memory limit of this process."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Answer = TypeVar("Answer")
 
 VARIABLE = "LMKIT_JOBS"
 LEAST_BYTES = 1 << 30
-# Work that takes less than this in one process is done there: starting workers costs about as much.
+# Shorter work is done in this process: starting workers costs about as much.
 WORTH_WORKERS_S = 2.0
 
 _limit: int | None = None
-_shared: Any = None  # of a worker process, what all of its jobs use
+_shared: Any = None  # of a worker process: data used by all its jobs
 
 
 def set_jobs(limit: int | None) -> None:
@@ -49,7 +49,7 @@ def job_limit() -> int:
 def require_address_space(what: str) -> None:
     """Refuse work for which the process's limit of address space (``ulimit -v``) is too small.
 
-    With less than 0.9 GB OpenCV finds no board, or ends the process in its linear algebra, without a word.
+    With less than 0.9 GB OpenCV finds no board, or ends the process in its linear algebra, without a message.
 
     Raises:
         InputError: ``little_memory``.
@@ -70,7 +70,7 @@ def require_address_space(what: str) -> None:
 def map_in_processes(work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Generator[Answer, None, None]:
     """``work`` of every job, in order, in at most `job_limit` processes.
 
-    The first two jobs run here; the second one's time tells whether the rest is worth starting processes for.
+    The first two jobs run here; the time of the second one shows whether the rest is worth starting processes.
     Processes are spawned, not forked: OpenCV's threads do not survive a fork (docs/decisions/0006-processes.md).
 
     Args:

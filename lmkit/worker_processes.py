@@ -66,7 +66,7 @@ def _release_interrupts() -> None:
 
 
 def end_with_parent() -> None:
-    """Let this worker end when the process that started it is gone; a killed one cannot tell its workers to stop."""
+    """Let this worker end when its parent process ends, since a killed parent cannot stop its workers."""
     _release_interrupts()
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -74,7 +74,7 @@ def as_image(image: ImageLike) -> ByteArray:
     """(H,W,3) BGR pixels from an array or an image file; a gray array gets three equal channels.
 
     Raises:
-        InputError: another type or shape; says what to convert.
+        InputError: another type or shape; names the conversion.
     """
     if isinstance(image, str | os.PathLike):
         from lmkit.io.images import read_image

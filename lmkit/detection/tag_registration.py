@@ -41,7 +41,7 @@ class Promise(NamedTuple):
     """Least decoding with which registration continues, much looser than the final acceptance.
 
     Attributes:
-        pattern: least share explained by the cells; noise lowers it, so that it is weak evidence in dim light.
+        pattern: least share explained by the cells; noise lowers it, so that it shows little in dim light.
         cell_error: most root mean square distance of the cells from the code's.
         margin: least log likelihood ratio against any other reading.
     """

@@ -254,7 +254,7 @@ class _Search:
             if found.T_map_camera is None or found.covariance is None:
                 continue
             ratio = found.alternatives[0][1] if found.alternatives else SURE_RATIO
-            # Nearer views first among those of equal certainty.
+            # Nearer views first among views of equal certainty.
             score = min(ratio, SURE_RATIO) - float(np.sqrt(np.trace(found.covariance[:3, :3])))
             if best is None or score > best[0]:
                 best = score, k, found.T_map_camera

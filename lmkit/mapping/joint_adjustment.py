@@ -107,7 +107,7 @@ class JointProblem:
     Args:
         problems: the recordings.
         rows: (L,) of each: which of the joint landmarks its landmarks are.
-        R, p: (C,3,3), (C,3) where those are mounted.
+        R, p: (C,3,3), (C,3) poses of these cameras.
     """
 
     def __init__(

@@ -428,6 +428,6 @@ class JointSolver:
 def _elsewhere(C: FloatArray, rows: IntArray, own: FloatArray) -> FloatArray:
     """Information on some unknowns from other recordings, from the joint covariance of all."""
     mine = C[np.ix_(rows, rows)]
-    # Exactly known landmarks occur together with hardly determined ones.
+    # Exactly known landmarks occur together with poorly determined ones.
     scale = 1 / np.sqrt(np.diag(mine))
     return np.asarray(np.linalg.inv(mine * scale[:, None] * scale) * scale[:, None] * scale - own)

@@ -24,13 +24,13 @@ HARDLY_KNOWN = np.diag([1.0] * 3 + [0.25] * 3)  # m^2, rad^2
 
 @dataclass(frozen=True, eq=False)
 class KnownSurvey:
-    """A recording solved with those known landmarks that were not moved.
+    """A recording solved with the unmoved known landmarks.
 
     Attributes:
         solved: the recording.
-        anchors: known landmarks that were not moved.
+        anchors: unmoved known landmarks.
         released: known landmarks that were moved since.
-        disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
+        disputed: known landmarks that contradict each other, with too few in view to determine which was moved.
     """
 
     solved: SolvedRecording
@@ -44,7 +44,7 @@ def solve_by_known(
 ) -> KnownSurvey:
     """Solve a recording, and again without each known landmark that was moved since, the clearest one first.
 
-    A moved landmark pulls the recording, and with it landmarks that nobody moved: those that turn out to be
+    A moved landmark shifts the recording, and with it unmoved landmarks: landmarks that are later found
     at their known places become anchors again.
 
     Args:

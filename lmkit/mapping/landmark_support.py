@@ -1,7 +1,7 @@
 """Doubtful landmarks: codes that were read in too few frames to exclude a misreading.
 
 The confidence of a reading is the probability that it is right.  Two independent readings of a code at one place
-leave hardly any doubt.  Readings of one frame are not independent: both cameras see the same print in the same light.
+leave little doubt.  Readings of one frame are not independent: both cameras see the same print in the same light.
 So frames are counted.  A code at the place of another landmark is a misreading of it, if the landmark is read ten
 times as often, or twice as often and before and after the code: a landmark that took the place of another is read
 only afterwards.  A code that is read only sometimes, in full view, comes from a print that resembles a landmark
@@ -32,7 +32,7 @@ STEADY, BY_CHANCE = 0.5, 0.1
 
 @dataclass(frozen=True)
 class KeptOut:
-    """A code that was read, and is kept out of the map.
+    """A code that was read, but is not in the map.
 
     Attributes:
         reason: a clause for the message.

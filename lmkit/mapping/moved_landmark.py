@@ -36,8 +36,8 @@ class MovedLandmark:
         """The move from a known landmark to its place in recordings.
 
         Args:
-            since_s: when it was first seen there.
-            names: of those recordings.
+            since_s: time of the first observation at the new place.
+            names: names of the recordings.
         """
         before = replace(anchor.landmark, covariance=anchor.covariance, valid_from_s=None, valid_to_s=since_s)
         return cls(before, replace(after, valid_from_s=since_s), (KNOWN_MAP,), names)

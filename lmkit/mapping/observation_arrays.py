@@ -30,7 +30,7 @@ class ObservationArrays:
         mount: (S,) which of the mounted cameras saw it.
         mounted_R, mounted_t: (K,3,3), (K,3) from the rig's left camera into mounted cameras: those of the rig, and
             if they do not expose together, one for each frame.
-        mounted_camera: (K,) which camera of the rig each of those is.
+        mounted_camera: (K,) index of the rig's camera for each mounted camera.
     """
 
     at: IntArray
@@ -45,7 +45,7 @@ class ObservationArrays:
 
     @classmethod
     def collect(cls, frames: Sequence[RigFrame], rig: AnyRig, ids: Sequence[LandmarkId]) -> ObservationArrays:
-        """Observations of these landmarks as arrays; others are left out."""
+        """Observations of these landmarks as arrays; others are omitted."""
         index = {id_: k for k, id_ in enumerate(ids)}
         cameras = mounted_cameras(rig)
         mounted = [(camera.T_camera_left, which) for which, camera in enumerate(cameras)]
@@ -99,7 +99,7 @@ class ObservationArrays:
 
     @property
     def camera(self) -> IntArray:
-        """(S,) which camera of the rig saw it."""
+        """(S,) index of the rig's camera of each observation."""
         return self.mounted_camera[self.mount]
 
     def bundle(
@@ -132,7 +132,7 @@ class ObservationArrays:
 
 @dataclass(frozen=True, eq=False)
 class StoredObservations:
-    """Observations whose large arrays are in a file, and in memory only while a bundle is made of them.
+    """Observations whose large arrays are in a file, and in memory only while a bundle is built from them.
 
     Attributes:
         at, of, camera: as of `ObservationArrays`.
@@ -171,7 +171,7 @@ class RecordedObservations:
         self._all = ObservationArrays.collect(frames, rig, ids)
 
     def are_of(self, frames: Sequence[RigFrame], rig: AnyRig) -> bool:
-        """Whether they are those of this recording."""
+        """Whether the observations are from this recording."""
         return self._of[0] is frames and self._of[1] is rig
 
     def only(self, frames: Sequence[int], ids: Sequence[LandmarkId]) -> ObservationArrays:

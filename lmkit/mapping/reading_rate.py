@@ -20,20 +20,20 @@ from lmkit.model.detector_model import half_read_px, recognized
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import MappedLandmark
 
-NEIGHBORS = np.array([-4, -3, -2, -1, 1, 2, 3, 4])  # frames beside one in which it was read
+NEIGHBORS = np.array([-4, -3, -2, -1, 1, 2, 3, 4])  # frames before and after a frame with a reading
 SURELY = 0.9  # least probability of reading for a landmark that should be read
 NEAREST_M = 0.05
-WIDEST = 0.75  # of the image's size over the focal length: beyond, lenses fold back into the image
+WIDEST = 0.75  # of the image's size over the focal length: outside, lens models fold back into the image
 
 
 @dataclass(frozen=True, eq=False)
 class LocatedFrames:
-    """Frames of a recording with their poses, and in which of them landmarks were read.
+    """Frames of a recording with their poses, and the frames with readings of each landmark.
 
     Attributes:
         times_s: (N,).
         poses: (N) T_map_left.
-        rig: that took them.
+        rig: rig of the recording.
         looked: (N,C) cameras that read any landmark.
         read: frames in which an observation fits each landmark.
     """

@@ -1,4 +1,4 @@
-"""Normal equations of all unknowns of a recording, those of each landmark's face among them.
+"""Normal equations of all unknowns of a recording, including the swelling of each landmark's face.
 
 During the adjustment, the swelling of faces is fixed.  The step that estimates it, and the stated covariances, use
 these equations.  Face and pose of a landmark are one group of unknowns, so that the border keeps its blocks.
@@ -34,9 +34,9 @@ class StatedEquations:
     """The equations.
 
     Attributes:
-        chain: its shared unknowns are those before the landmarks, and of every landmark its pose and its face.
-        places: numbers of the shared unknowns without the faces, in the order of equations that hold those.
-        faces: (L,2) numbers of the faces' unknowns.
+        chain: shared unknowns are the ones before the landmarks, then pose and face of every landmark.
+        places: indices of the shared unknowns without faces, in the order of the equations with fixed faces.
+        faces: (L,2) indices of the faces' unknowns.
     """
 
     chain: ChainEquations
@@ -48,8 +48,8 @@ class StatedEquations:
         """Equations of all unknowns.
 
         Args:
-            held: those that hold faces and their common swelling, which are the last two of the first ``own`` shared
-                unknowns.  Landmarks have none where they do not move.
+            held: equations with fixed faces and fixed common swelling, which is the last two of the first ``own``
+                shared unknowns.  Fixed landmarks have no unknowns.
             sums: information of the observations on the faces.
             pattern: the blocks of ``sums``.
         """
@@ -90,7 +90,7 @@ class StatedEquations:
         self.chain.corner[rows[:, None], rows] += known
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
-        """Steps of the shared unknowns without the faces, and (L,2) of those."""
+        """Steps of the shared unknowns without the faces, and steps (L,2) of the faces."""
         shared = self.chain.solve()[1]
         return shared[self.places], shared[self.faces]
 

@@ -112,7 +112,7 @@ def moved_since_known(
 
     Args:
         anchors: as they were known.
-        released: ids of those that were moved.
+        released: ids of moved landmarks.
     """
     moved, bundle = [], result.bundle
     for id_ in sorted(released):
@@ -189,7 +189,7 @@ def survey_of(
     """The results of a solved recording.
 
     Args:
-        anchors: landmarks known beforehand; those that the recording did not see are kept in the map unchanged.
+        anchors: known landmarks; known landmarks that the recording did not see stay in the map unchanged.
         known: (6L,6L) information on the landmarks from other sources, such as other recordings.
     """
     start, problem = solved.start, solved.problem

@@ -60,7 +60,7 @@ class Survey:
 
     Attributes:
         bundle: poses, landmarks seen, parameters.
-        landmarks: those, and known ones that the recording did not see, unchanged.
+        landmarks: these, and known ones that the recording did not see, unchanged.
         rows: (N,) which of the frames given have a pose.
         contradicted: landmarks contradicted by part of their observations.
         poorly_determined: landmarks determined to no better than 3 cm or 2 deg, with both deviations (m, rad).
@@ -73,7 +73,7 @@ class Survey:
         odometry, odometry_sigmas: errors of the odometry and gyro that were solved for, by name, and their
             standard deviations.
         moved: known landmarks that were moved since; `landmarks.past` has them as they were.
-        disputed: known landmarks that contradict each other, where too few are in view to tell which was moved.
+        disputed: known landmarks that contradict each other, with too few in view to determine which was moved.
         kept_out: doubtful codes that were left out of the map.
     """
 

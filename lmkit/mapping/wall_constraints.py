@@ -73,7 +73,7 @@ def add_constraint(
     """Add a constraint to equations whose shared unknowns from ``first`` on are the landmarks'; its cost.
 
     Args:
-        members: those landmarks, by number, that it concerns.
+        members: indices of the constraint's landmarks.
         R, p: (L,3,3), (L,3) T_map_landmark of all.
     """
     if len(members) < 2:
