@@ -28,7 +28,7 @@ class InformationSum:
         >>> total = InformationSum(count=2, size=2)
         >>> total.add(np.array([0, 1]), np.eye(4), np.array([0.0, 0.0, 2.0, 2.0]))
         >>> total.add(np.array([1]), np.eye(2), np.zeros(2))
-        >>> total.solve().reshape(2, 2).tolist()
+        >>> total.solve().reshape(2, 2).round(6).tolist()
         [[0.0, 0.0], [1.0, 1.0]]
     """
 
