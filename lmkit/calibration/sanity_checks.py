@@ -227,7 +227,7 @@ def check_known(rig: StereoRig, declared: Declared) -> list[CalibrationWarning]:
         if off[worst] > CONTRADICTED_SIGMAS:
             number = ("fx", "fy", "cx", "cy")[worst] if worst < 4 else f"distortion coefficient {worst - 3}"
             message = (
-                f"the images contradict the {name} camera of --intrinsics: {number} comes out "
+                f"the images contradict the {name} camera of --intrinsics: {number} is off by "
                 f"{off[worst]:.1f} standard deviations; is it the same lens, focus and image size?"
             )
             warnings.append(CalibrationWarning("intrinsics_contradicted", message))
