@@ -29,15 +29,18 @@ class FieldProblem(Exception):
     """Problem of a value, such as a key that is missing.
 
     Args:
-        kind: name of the problem in `field_problems.py`, or a sentence.
-        given: the value.
-        limits: numbers that its sentence names.
+        sentence: what is wrong, e.g. ``-3 is below 0``.
     """
 
-    def __init__(self, kind: str, given: object = "", **limits: object) -> None:
-        super().__init__(kind)
+    def __init__(self, sentence: str) -> None:
+        super().__init__(sentence)
         self.place: list[str | int] = []  # keys and numbers of list items, the innermost first
-        self.kind, self.given, self.limits = kind, given, limits
+        self.sentence = sentence
+
+    @classmethod
+    def known(cls, kind: str, given: object = "", **limits: object) -> FieldProblem:
+        """A problem with a name in `field_problems.py`, of a value, with the limits that its sentence names."""
+        return cls(sentence_of(kind, given, limits))
 
 
 class Layout:
@@ -49,19 +52,19 @@ def number(least: float = -math.inf, most: float = math.inf, above: float = -mat
 
     def check(given: Any) -> float:
         if isinstance(given, bool) or not isinstance(given, int | float | str):
-            raise FieldProblem("float_type", given)
+            raise FieldProblem.known("float_type", given)
         try:
             value = float(given)
         except ValueError:
-            raise FieldProblem("float_type", given) from None
+            raise FieldProblem.known("float_type", given) from None
         if not math.isfinite(value):
-            raise FieldProblem("finite_number", given)
+            raise FieldProblem.known("finite_number", given)
         if value <= above:
-            raise FieldProblem("greater_than", given, gt=above)
+            raise FieldProblem.known("greater_than", given, gt=above)
         if value < least:
-            raise FieldProblem("greater_than_equal", given, ge=least)
+            raise FieldProblem.known("greater_than_equal", given, ge=least)
         if value > most:
-            raise FieldProblem("less_than_equal", given, le=most)
+            raise FieldProblem.known("less_than_equal", given, le=most)
         return value
 
     return check
@@ -72,18 +75,18 @@ def whole_number(given: Any) -> int:
     try:
         value = number()(given)
     except FieldProblem:
-        raise FieldProblem("int_type", given) from None
+        raise FieldProblem.known("int_type", given) from None
     if value != int(value):
-        raise FieldProblem("int_type", given)
+        raise FieldProblem.known("int_type", given)
     return int(value)
 
 
 def count(given: Any) -> int:
     """Check for a whole number that is not negative, such as a code; 5.0 is refused."""
     if isinstance(given, bool) or not isinstance(given, int):
-        raise FieldProblem("int_type", given)
+        raise FieldProblem.known("int_type", given)
     if given < 0:
-        raise FieldProblem("greater_than_equal", given, ge=0)
+        raise FieldProblem.known("greater_than_equal", given, ge=0)
     return given
 
 
@@ -92,9 +95,9 @@ def text(least_letters: int = 0) -> Check[str]:
 
     def check(given: Any) -> str:
         if not isinstance(given, str):
-            raise FieldProblem("string_type", given)
+            raise FieldProblem.known("string_type", given)
         if len(given) < least_letters:
-            raise FieldProblem("string_too_short", given)
+            raise FieldProblem.known("string_too_short", given)
         return given
 
     return check
@@ -105,7 +108,7 @@ def word(*known: str) -> Check[str]:
 
     def check(given: Any) -> str:
         if given not in known:
-            raise FieldProblem("literal_error", given, expected=" or ".join(map(repr, known)))
+            raise FieldProblem.known("literal_error", given, expected=" or ".join(map(repr, known)))
         return cast(str, given)
 
     return check
@@ -116,12 +119,12 @@ def items(check: Check[Value], least: int = 0, most: float = math.inf) -> Check[
 
     def check_all(given: Any) -> list[Value]:
         if not isinstance(given, list):
-            raise FieldProblem("list_type", given)
+            raise FieldProblem.known("list_type", given)
         if len(given) > most:
-            raise FieldProblem("too_long", given, max_length=most)
+            raise FieldProblem.known("too_long", given, max_length=most)
         checked = [_at(place, check, value) for place, value in enumerate(given)]
         if len(given) < least:
-            raise FieldProblem("too_short", given, actual_length=len(given), min_length=least)
+            raise FieldProblem.known("too_short", given, actual_length=len(given), min_length=least)
         return checked
 
     return check_all
@@ -156,16 +159,16 @@ def keys_of(layout: type[LayoutT]) -> Check[LayoutT]:
 
     def check(given: Any) -> LayoutT:
         if not isinstance(given, dict):
-            raise FieldProblem("model_type", given)
+            raise FieldProblem.known("model_type", given)
         values, checks = {}, _checks(cast(Any, layout))
         for one in fields(cast(Any, layout)):
             if one.name in given:
                 values[one.name] = _at(one.name, checks[one.name], given[one.name])
             elif one.default is MISSING:
-                raise _within(one.name, FieldProblem("missing"))
+                raise _within(one.name, FieldProblem.known("missing"))
         for name in given:
             if name not in checks:
-                raise _within(name, FieldProblem("extra_forbidden"))
+                raise _within(name, FieldProblem.known("extra_forbidden"))
         return layout(**values)
 
     return check
@@ -215,6 +218,5 @@ def read_layout(path: Path, layout: type[LayoutT], kind: str, what: str) -> Layo
     try:
         return keys_of(layout)(data)
     except FieldProblem as problem:
-        sentence = sentence_of(problem.kind, problem.given, problem.limits, problem.kind)
         where = path_of(reversed(problem.place))
-        raise InputError("bad_value", f"{path}: {where}: {sentence}", "see docs/formats.md") from None
+        raise InputError("bad_value", f"{path}: {where}: {problem.sentence}", "see docs/formats.md") from None
