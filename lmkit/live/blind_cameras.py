@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lmkit.live.state import CameraView, Event
+from lmkit.live.events import Event
+from lmkit.live.state import CameraView
 from lmkit.model.landmark_id import LandmarkId
 
 NAMED_AFTER_S = 2.0  # duration of images that should clearly show a landmark, before an event

@@ -47,24 +47,6 @@ class Capture(Protocol):
         """Release the device or end the process."""
 
 
-def open_capture(address: SourceAddress, clock: LoopClock) -> Capture:
-    """Open a live source.
-
-    Raises:
-        SourceLost: it cannot be opened.
-    """
-    capture: Capture
-    if address.kind == "ros2":
-        from lmkit.live.ros_capture import RosCapture
-
-        capture = RosCapture(address, clock)
-    elif address.kind == "pipe":
-        capture = PipeCapture(address, clock)
-    else:
-        capture = VideoCapture(address, clock)
-    return SplitCapture(capture) if address.split else capture
-
-
 class VideoCapture:
     """A camera or a network stream, through OpenCV."""
 

@@ -8,8 +8,8 @@ from typing import Protocol
 
 from lmkit.arrays import ByteArray
 from lmkit.geometry.pose import Pose
+from lmkit.live.events import Event, Health
 from lmkit.live.motion import MotionRow
-from lmkit.live.state import Event, Health
 from lmkit.model.observation import Detection
 
 

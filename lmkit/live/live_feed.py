@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 
 from lmkit.arrays import ByteArray
 from lmkit.live.captures import Capture
+from lmkit.live.events import Event, Health
 from lmkit.live.exposures import MOST_APART_S, TOGETHER_S
 from lmkit.live.frame_group import EndOfFeed, FrameGroup
 from lmkit.live.inputs.base import InputRunner
 from lmkit.live.motion import MotionInbox
 from lmkit.live.reader import Reader
-from lmkit.live.state import Event, Health
 
 PATIENCE_S = 0.05  # for the other cameras' images
 

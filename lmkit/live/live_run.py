@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 
 from lmkit.geometry.pose import Pose
 from lmkit.live.clock import LoopClock
+from lmkit.live.events import Event
 from lmkit.live.frame_group import EndOfFeed, Feed, FrameGroup
 from lmkit.live.listeners import Listener
 from lmkit.live.loop import LiveLoop
 from lmkit.live.outputs.base import OutputRunner
-from lmkit.live.state import Event, LiveState
+from lmkit.live.state import LiveState
 from lmkit.model.pose_status import PoseStatus
 
 WAIT_S = 0.25

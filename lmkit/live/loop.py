@@ -16,6 +16,7 @@ from lmkit.geometry.rotations import quaternion_to_matrix
 from lmkit.live.blind_cameras import BlindCameras
 from lmkit.live.budget import LatencyBudget
 from lmkit.live.estimators import Estimate, make_estimator
+from lmkit.live.events import Event
 from lmkit.live.exposures import Exposures
 from lmkit.live.frame_group import FrameGroup
 from lmkit.live.mirrored_images import MirroredImages
@@ -24,7 +25,7 @@ from lmkit.live.publication import Decision, Publication, PublicationRule
 from lmkit.live.reader import Rate
 from lmkit.live.search import Search
 from lmkit.live.stale_images import StaleImages
-from lmkit.live.state import CameraView, Event, LiveState
+from lmkit.live.state import CameraView, LiveState
 from lmkit.localization.expected_landmarks import ExpectedLandmarks
 from lmkit.model.families import family_named
 from lmkit.model.landmark import LandmarkFamily

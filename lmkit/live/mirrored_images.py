@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from lmkit.geometry.rig import AnyRig, mounted_cameras
-from lmkit.live.state import Event
+from lmkit.live.events import Event
 from lmkit.localization.mirror import FRAMES, LEAST, find_mirror
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection

@@ -12,7 +12,7 @@ import numpy as np
 from lmkit.geometry.planar import wrap_heading
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rotations import rotation_angle
-from lmkit.live.state import Event
+from lmkit.live.events import Event
 
 MOST_WAITING = 5000
 FASTEST_MPS, FASTEST_RADPS = 10.0, 12.0

@@ -16,7 +16,7 @@ from lmkit.live.motion import MotionInbox
 from lmkit.live.open_outputs import host_and_port
 from lmkit.live.outputs.extras import require
 from lmkit.live.ros.address import parse_ros
-from lmkit.live.ros.transport import choose
+from lmkit.live.ros.open_transport import choose_transport
 from lmkit.live.run_settings import RunFile
 
 SCHEMES = ("ros2:", "mavlink:", "ws:")
@@ -66,4 +66,4 @@ def _opener(text: str, kinds: frozenset[str]) -> Callable[[], MotionInput]:
         raise InputError(
             "bad_ros", f"{text}: one topic is needed for each of odometry and gyro", "give for example ros2:/odom"
         )
-    return partial(RosInput, address, choose(address), kinds == {"gyro"})
+    return partial(RosInput, address, choose_transport(address), kinds == {"gyro"})

@@ -20,7 +20,7 @@ from lmkit.live.outputs.ros import RosOutput
 from lmkit.live.outputs.websocket import PORT, WebSocketServer
 from lmkit.live.ros.address import parse_ros
 from lmkit.live.ros.messages import StepMessages
-from lmkit.live.ros.transport import choose
+from lmkit.live.ros.open_transport import choose_transport
 from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.model.landmark_map import LandmarkMap
 
@@ -99,7 +99,7 @@ def opener(text: str, rig: AnyRig, landmarks: LandmarkMap) -> Callable[[], Outpu
     if text == "ros2" or text.startswith("ros2?"):
         address = parse_ros(text.removeprefix("ros2"))
         names = [camera.name for camera in mounted_cameras(rig)]
-        return partial(RosOutput, address, choose(address), landmarks, names)
+        return partial(RosOutput, address, choose_transport(address), landmarks, names)
     raise InputError("bad_output", f"{text}: unknown output", f"known: {KINDS}")
 
 

@@ -14,19 +14,20 @@ from lmkit.io.any_rig import read_any_rig
 from lmkit.io.external_maps import read_any_map
 from lmkit.io.image_groups import require_image_of_each
 from lmkit.io.marker_maps import MarkerDefaults
-from lmkit.live.captures import Capture, open_capture
+from lmkit.live.captures import Capture
 from lmkit.live.clock import LoopClock
 from lmkit.live.frame_group import Feed
 from lmkit.live.live_feed import LiveFeed
 from lmkit.live.live_run import LiveRun
 from lmkit.live.loop import LiveLoop
 from lmkit.live.motion import MotionInbox
+from lmkit.live.open_capture import open_capture
 from lmkit.live.open_inputs import is_live_input, open_inputs
 from lmkit.live.open_outputs import open_outputs, warn_of_camera_poses
 from lmkit.live.recorded_feed import POSE_SUFFIXES, StepFeed, file_groups, motion_rows
 from lmkit.live.recording_file import RunRecording
 from lmkit.live.ros.address import parse_ros
-from lmkit.live.ros.transport import choose
+from lmkit.live.ros.open_transport import choose_transport
 from lmkit.live.run_settings import LOOP_KEYS, RunSettings
 from lmkit.live.simulated_source import SimulatedCapture, SimulatedRun
 from lmkit.model.families import family_named
@@ -58,7 +59,7 @@ def open_run(settings: RunSettings, dry: bool = False) -> LiveRun:
     if live:
         for a in settings.sources:
             if a.kind == "ros2":
-                choose(parse_ros(a.target))
+                choose_transport(parse_ros(a.target))
         sources = [(a.text, partial(open_capture, a, clock), 2 if a.split else 1) for a in settings.sources]
         _require_cameras(rig, sum(count for *_, count in sources))
         inputs = open_inputs(settings.values, inbox, clock, motion)

@@ -11,7 +11,7 @@ import numpy as np
 
 from lmkit.arrays import ByteArray
 from lmkit.live.captures import Capture, SourceEnded, SourceLost
-from lmkit.live.state import Event, Health
+from lmkit.live.events import Event, Health
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
 STALLS_S = 4.0

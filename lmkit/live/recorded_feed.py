@@ -10,10 +10,10 @@ from lmkit.errors import InputError
 from lmkit.io.image_groups import frame_groups
 from lmkit.io.recording_tables import read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
+from lmkit.live.events import Health
 from lmkit.live.frame_group import EndOfFeed, FrameGroup
 from lmkit.live.motion import GYRO, POSE, WHEELS, MotionRow
 from lmkit.live.reader import Rate
-from lmkit.live.state import Health
 from lmkit.odometry.plausibility import require_plausible_gyro, require_plausible_odometry
 
 POSE_SUFFIXES = (".tum", ".txt")

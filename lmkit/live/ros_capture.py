@@ -15,7 +15,8 @@ from lmkit.live.captures import SourceLost
 from lmkit.live.clock import LoopClock, StampGuard
 from lmkit.live.ros.address import parse_ros
 from lmkit.live.ros.messages import Values, time_of
-from lmkit.live.ros.transport import TransportLost, choose, connect
+from lmkit.live.ros.open_transport import choose_transport, open_transport
+from lmkit.live.ros.transport import TransportLost
 from lmkit.live.source_address import SourceAddress
 
 SILENT_S = 1.5
@@ -37,7 +38,7 @@ class RosCapture:
         self._news = threading.Condition()
         self._newest: tuple[float, Values] | None = None  # arrival, message
         try:
-            self._transport = connect(self._address, choose(self._address))
+            self._transport = open_transport(self._address, choose_transport(self._address))
             self._transport.subscribe(self._address.topic, COMPRESSED if self._is_compressed else IMAGE, self._heard)
         except TransportLost as lost:
             raise SourceLost(str(lost)) from None

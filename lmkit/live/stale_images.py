@@ -17,8 +17,8 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig, MountedCamera, mounted_cameras
 from lmkit.live.dead_reckoning import DeadReckoning
+from lmkit.live.events import Event
 from lmkit.live.motion import MotionRow
-from lmkit.live.state import Event
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap

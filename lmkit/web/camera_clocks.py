@@ -9,8 +9,9 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError
-from lmkit.live.captures import Capture, SourceLost, open_capture
+from lmkit.live.captures import Capture, SourceLost
 from lmkit.live.clock import LoopClock
+from lmkit.live.open_capture import open_capture
 from lmkit.live.source_address import parse_source
 
 SETTLING, COUNTED = 3, 12  # images

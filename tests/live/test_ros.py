@@ -16,12 +16,13 @@ import lmkit
 from lmkit.errors import InputError
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
+from lmkit.live.events import Health
 from lmkit.live.outputs.base import OutputLost
 from lmkit.live.outputs.ros import RosOutput
 from lmkit.live.ros.address import parse_ros
 from lmkit.live.ros.messages import IMAGE, POSE, StepMessages
-from lmkit.live.ros.transport import choose
-from lmkit.live.state import CameraView, Health, LiveState
+from lmkit.live.ros.open_transport import choose_transport
+from lmkit.live.state import CameraView, LiveState
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -225,4 +226,4 @@ def test_a_bad_address_is_refused(text):
 
 def test_a_missing_installation_is_named():
     with pytest.raises(InputError, match="rclpy"):
-        choose(parse_ros("?transport=rclpy"))
+        choose_transport(parse_ros("?transport=rclpy"))

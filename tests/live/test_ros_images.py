@@ -16,8 +16,9 @@ import pytest
 
 from lmkit.errors import InputError
 from lmkit.io.ros_images import COMPRESSED, IMAGE
-from lmkit.live.captures import SourceLost, open_capture
+from lmkit.live.captures import SourceLost
 from lmkit.live.clock import LoopClock
+from lmkit.live.open_capture import open_capture
 from lmkit.live.open_run import open_run
 from lmkit.live.ros_capture import image_of
 from lmkit.live.run_settings import settings_of

@@ -12,11 +12,12 @@ import pytest
 
 from lmkit.geometry.planar import planar_pose
 from lmkit.geometry.pose import Pose
+from lmkit.live.events import Health
 from lmkit.live.outputs.ros import RosOutput
 from lmkit.live.ros.address import parse_ros
 from lmkit.live.ros.cdr import Cdr
 from lmkit.live.ros.messages import StepMessages
-from lmkit.live.state import CameraView, Health, LiveState
+from lmkit.live.state import CameraView, LiveState
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection

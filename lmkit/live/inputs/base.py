@@ -13,9 +13,9 @@ from typing import Protocol
 from lmkit.errors import InputError
 from lmkit.geometry.pose import Pose
 from lmkit.live.clock import StampGuard
+from lmkit.live.events import Event, Health
 from lmkit.live.motion import GYRO, POSE, WHEELS, MotionInbox, MotionRow
 from lmkit.live.reader import Rate
-from lmkit.live.state import Event, Health
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
 READ_S = 0.2

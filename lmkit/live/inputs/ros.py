@@ -12,7 +12,8 @@ from lmkit.live.inputs.waiting import WaitingReadings
 from lmkit.live.motion import GYRO, POSE
 from lmkit.live.ros.address import RosAddress
 from lmkit.live.ros.messages import IMU, ODOMETRY, Values, time_of
-from lmkit.live.ros.transport import TransportLost, connect
+from lmkit.live.ros.open_transport import open_transport
+from lmkit.live.ros.transport import TransportLost
 
 ENOUGH = 50  # accelerations, half a second of a usual IMU
 
@@ -32,7 +33,7 @@ class RosInput:
         self._waiting = WaitingReadings()
         self._read = UprightGyro().reading if is_gyro else odometry_reading
         try:
-            self._transport = connect(address, transport)
+            self._transport = open_transport(address, transport)
             self._transport.subscribe(address.topic, IMU if is_gyro else ODOMETRY, self._heard)
         except TransportLost as lost:
             raise InputLost(str(lost)) from None

@@ -8,8 +8,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
+from lmkit.live.events import Event, Health
 from lmkit.live.reader import Rate
-from lmkit.live.state import Event, Health, LiveState
+from lmkit.live.state import LiveState
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 5.0
 LONGEST_QUEUE = 32

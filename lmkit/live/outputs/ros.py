@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from lmkit.live.outputs.base import OutputLost
 from lmkit.live.ros.address import RosAddress
 from lmkit.live.ros.messages import StepMessages
-from lmkit.live.ros.transport import TransportLost, connect
+from lmkit.live.ros.open_transport import open_transport
+from lmkit.live.ros.transport import TransportLost
 from lmkit.live.state import LiveState
 from lmkit.model.landmark_map import LandmarkMap
 
@@ -25,7 +26,7 @@ class RosOutput:
     def __init__(self, address: RosAddress, transport: str, landmarks: LandmarkMap, cameras: Sequence[str]) -> None:
         self._messages = StepMessages(address, landmarks)
         try:
-            self._transport = connect(address, transport)
+            self._transport = open_transport(address, transport)
             for topic, type_name in self._messages.topics(cameras):
                 self._transport.advertise(topic, type_name)
         except TransportLost as lost:

@@ -13,8 +13,9 @@ from lmkit.arrays import FloatArray
 from lmkit.geometry.homography import homography_from_points
 from lmkit.geometry.pose import Pose
 from lmkit.live.annotated_image import annotated_jpeg
+from lmkit.live.events import Health
 from lmkit.live.ros.address import RosAddress
-from lmkit.live.state import CameraView, Health, LiveState
+from lmkit.live.state import CameraView, LiveState
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import Detection
 from lmkit.model.pose_status import PoseStatus
