@@ -72,8 +72,6 @@ def parse_size_mm(text: str, what: str = "size") -> tuple[float, float]:
 
 def parse_sigma(text: str, name: str, hint: str) -> tuple[float, float]:
     """Meters and rad of a length and an angle."""
-    from lmkit.units import parse_length_mm
-
     length, _, angle = text.partition(",")
     try:
         degrees = float(angle.strip().removesuffix("deg"))
@@ -87,8 +85,6 @@ def parse_sigma(text: str, name: str, hint: str) -> tuple[float, float]:
 
 def parse_two_lengths_mm(text: str, what: str) -> tuple[float, float]:
     """``178.6x179.4``, or one number for both; millimeters unless a unit says otherwise."""
-    from lmkit.units import parse_length_mm
-
     pieces = text.lower().split("x")
     if len(pieces) not in (1, 2):
         raise InputError("bad_length", f"{what} {text!r} is not WIDTHxHEIGHT", "write for example 178.6x179.4 (mm)")

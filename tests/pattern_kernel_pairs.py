@@ -18,7 +18,8 @@ from lmkit.kernels.occlusion import OcclusionRules
 from lmkit.kernels.pattern import Drawing, coverage_columns_numpy
 from lmkit.kernels.pixel_sampling import Edges, SamplingRules, Source, sample, sample_numpy
 from lmkit.kernels.plane import View, plane_numpy
-from lmkit.kernels.quads import Contrast, QuadRules, dark_quads, where_to_look
+from lmkit.kernels.quad_rules import QuadRules
+from lmkit.kernels.quads import Contrast, dark_quads, where_to_look
 from lmkit.kernels.quads_numpy import dark_quads_numpy, where_to_look_numpy
 from lmkit.kernels.registration import (
     Hypothesis,

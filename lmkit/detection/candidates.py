@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, FloatArray
-from lmkit.kernels.quads import Contrast, QuadRules, dark_quads, where_to_look
+from lmkit.kernels.quad_rules import QuadRules
+from lmkit.kernels.quads import Contrast, dark_quads, where_to_look
 from lmkit.kernels.workspace import Workspace
 
 MIN_SIDE_PX = 8.0

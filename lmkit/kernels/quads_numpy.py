@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from lmkit.kernels.quads import QuadRules
+from lmkit.kernels.quad_rules import QuadRules
 
 FloatArray = NDArray[np.floating[Any]]
 ByteArray = NDArray[np.uint8]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lmkit"
@@ -47,6 +50,14 @@ def test_imports_go_down() -> None:
             if there != here and ROWS[there] >= ROWS[here]:
                 upward.append(f"{path}: {here} (row {ROWS[here]}) imports {module} (row {ROWS[there]})")
     assert not upward, "\n".join(upward)
+
+
+def test_no_modules_import_each_other() -> None:
+    graph = {".".join(path.relative_to(ROOT).with_suffix("").parts): imported(path) for path in MODULES}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" <- ".join(error.args[1]))
 
 
 def test_every_folder_stands_on_a_row() -> None:

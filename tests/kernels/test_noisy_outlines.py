@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from lmkit.kernels.quads import QuadRules, dark_quads
+from lmkit.kernels.quad_rules import QuadRules
+from lmkit.kernels.quads import dark_quads
 
 EVERYWHERE = QuadRules(4.0, 0.01, 8 * 320, 10.0, 0.012)
 AT_STEPS = EVERYWHERE._replace(step_per_change=3.0, least_step=2.0, most_step=12.0)
