@@ -61,6 +61,12 @@ def test_every_decision_is_listed() -> None:
         assert f"({path.name})" in listed, f"{path.name} is not in the table of decisions"
 
 
+def test_every_benchmark_is_listed() -> None:
+    listed = (ROOT / "benchmarks/README.md").read_text(encoding="utf-8")
+    for path in (ROOT / "benchmarks").glob("*.py"):
+        assert f"`{path.name}`" in listed, f"{path.name} is not in benchmarks/README.md"
+
+
 def test_the_form_of_the_tutorial_gives_the_map_that_it_shows(tmp_path: Path) -> None:
     form, shown = [
         code for language, code in blocks_of(ROOT / "docs/real-room.md") if language == "text" and "1.504" in code
