@@ -22,6 +22,7 @@ from lmkit.cli.fleet_recordings import (
 from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, write_outputs
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm
 
 
 def survey(
@@ -53,7 +54,6 @@ def survey(
     from lmkit.fleet.rig_checks import STAGE as CHECK
     from lmkit.fleet.rig_checks import bumped_recordings, check_options, check_recording, store_check_options
     from lmkit.fleet.store import Store
-    from lmkit.units import parse_length_mm
 
     place, size_m = Store(store), parse_length_mm(size, "--size") / 1000
     anchors = None if known is None else read_mounted_map(known)

@@ -9,6 +9,7 @@ import typer
 from lmkit.cli import options
 from lmkit.cli.output import print_json, print_line, progress
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm
 
 if TYPE_CHECKING:
     from lmkit.fleet.jobs import StageRun
@@ -44,7 +45,6 @@ def scan(
     """List the recordings of a fleet in its store."""
     from lmkit.fleet.recordings import add_recordings, find_recordings
     from lmkit.fleet.store import Store, require_arrow
-    from lmkit.units import parse_length_mm
 
     require_arrow()
     track_m = 0.0 if wheel_track is None else parse_length_mm(wheel_track, "--wheel-track") / 1000

@@ -11,6 +11,7 @@ from lmkit.cli import options
 from lmkit.cli.output import print_line, warn
 from lmkit.cli.parsing import require_dpi
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm
 
 
 def run(
@@ -67,7 +68,6 @@ def run(
     from lmkit.model.codewords import format_codes, parse_codes
     from lmkit.model.families import family_named
     from lmkit.pipelines.prints import PrintLayout, check_landmark_size, write_faces, write_prints
-    from lmkit.units import parse_length_mm
 
     if list_templates:
         _list_templates()

@@ -11,6 +11,7 @@ from lmkit.cli import map_options, options, scan_options
 from lmkit.cli.map_options import read_map_file
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, require_no, warn, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
+from lmkit.units import counted
 
 
 def run(
@@ -74,7 +75,6 @@ def run(
     from lmkit.localization.absolute_pose import LocateOptions
     from lmkit.pipelines.locate_images import locate_in_sources, located_dict, located_line, with_times
     from lmkit.pipelines.locate_results import LocateResults
-    from lmkit.units import counted
 
     for_readings: dict[str, object] = {"--bearing-sigma": bearing_sigma, "--time-offset": time_offset or None}
     for_scans: dict[str, object] = {

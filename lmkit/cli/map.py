@@ -12,6 +12,7 @@ from lmkit.cli.map_options import read_map_file
 from lmkit.cli.option_groups import PLAIN, DrawnFloorOptions
 from lmkit.cli.output import check_outputs, image_kind, print_line, warn, write_outputs
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm, parse_sigma
 
 if TYPE_CHECKING:
     from lmkit.model.floor_plan import FloorPlan
@@ -93,7 +94,6 @@ def _read(
     source: Path, ground: FloorPlan | None, size: str | None, family: str | None, sigma: str | None
 ) -> LandmarkMap:
     from lmkit.io.measured_map import FormDefaults, read_measured_map
-    from lmkit.units import parse_length_mm, parse_sigma
 
     size_m = None if size is None else parse_length_mm(size, "--size") / 1000
     if source.suffix.lower() not in (".csv", ".tsv"):

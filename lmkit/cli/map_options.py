@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lmkit.units import parse_length_mm
+
 if TYPE_CHECKING:
     from lmkit.model.landmark_map import LandmarkMap
 
@@ -51,7 +53,6 @@ def read_map_file(path: Path, family: str | None, size: str | None) -> LandmarkM
     from lmkit.io.external_maps import read_any_map
     from lmkit.io.marker_maps import MarkerDefaults
     from lmkit.model.families import family_named
-    from lmkit.units import parse_length_mm
 
     name = None if family is None else family_named(family).name
     size_m = None if size is None else parse_length_mm(size, "--size") / 1000

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from lmkit.cli.output import BOARD_HELP
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm, parse_sigma, parse_size_mm
 
 if TYPE_CHECKING:
     from lmkit.localization.pose_prior import PosePrior
@@ -88,7 +89,6 @@ def parse_constraints(
     """Constraints from ``--wall`` and ``--same-height``, with the standard deviations of ``--wall-sigma``."""
     from lmkit.mapping.wall_constraints import LandmarkConstraint
     from lmkit.model.landmark_id import LandmarkId
-    from lmkit.units import parse_sigma
 
     if sigma is not None and not walls and not heights:
         raise InputError("no_wall", "--wall-sigma needs --wall or --same-height", "add --wall 12,44,137")
@@ -108,7 +108,6 @@ def parse_constraints(
 def parse_board(board: str | None, measured: str | None) -> BoardSpec:
     """The board of ``--board``, with its size as ``--measured``."""
     from lmkit.model.board import BoardSpec
-    from lmkit.units import parse_size_mm
 
     if board is None:
         raise InputError("no_board", "no board given", f"add --board. {BOARD_HELP}")
@@ -132,8 +131,6 @@ def parse_demand(error: str, heading: float, in_view: int, headings: float, shar
 
 def parse_meters(text: str, name: str) -> float:
     """Meters of a length with a unit."""
-    from lmkit.units import parse_length_mm
-
     return parse_length_mm(text, name) / 1000
 
 

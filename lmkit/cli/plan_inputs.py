@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lmkit.errors import InputError
+from lmkit.units import parse_size_mm
 
 if TYPE_CHECKING:
     from lmkit.cli.option_groups import DrawnFloorOptions
@@ -69,7 +70,6 @@ def read_room(room: str | None, floor: Path | None, options: DrawnFloorOptions) 
         InputError: both are given, or one of them is not valid.
     """
     from lmkit.io.floor_plan import rectangular_room
-    from lmkit.units import parse_size_mm
 
     if room is not None and floor is not None:
         raise InputError("not_together", "--room and --floor cannot be combined", "leave one of them out")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from lmkit.cli.output import ProgressBars, require_no
 from lmkit.cli.parsing import require_rate
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm
 
 if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
@@ -95,7 +96,6 @@ class RecordingOptions:
         """
         from lmkit.model.families import family_named
         from lmkit.pipelines.detect_recording import open_recording
-        from lmkit.units import parse_length_mm
 
         track_m = None if self.wheel_track is None else parse_length_mm(self.wheel_track, "--wheel-track") / 1000
         with ProgressBars() as bars:

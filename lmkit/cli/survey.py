@@ -11,6 +11,7 @@ from lmkit.cli import map_options, options
 from lmkit.cli.map_options import read_mounted_map
 from lmkit.cli.output import check_outputs, image_kind, print_json, print_line, require_no, warn_all, write_outputs
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm, parse_sigma
 
 if TYPE_CHECKING:
     from lmkit.cli.recording_options import RecordingOptions
@@ -80,7 +81,6 @@ def run(
     from lmkit.mapping.survey_results import base_poses, survey_lines
     from lmkit.reports.recording import draw_survey, survey_report
     from lmkit.reports.rerun import require_rerun, survey_recording
-    from lmkit.units import parse_length_mm, parse_sigma
 
     if rig is None:
         survey_readings(source.images, size, family.split(","), {"map": output, "tum": tum}, force, as_json)
@@ -142,7 +142,6 @@ def _survey_readings(
     from lmkit.mapping.range_bearing_survey import planar_map_dict, planar_map_lines, survey_readings
     from lmkit.model.recording import Odometry
     from lmkit.pipelines.recording_checks import require_plausible_recording
-    from lmkit.units import parse_length_mm
 
     check_outputs((output, tum), force)
     size_m = parse_length_mm(size, "--size") / 1000

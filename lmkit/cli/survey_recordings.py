@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, warn, write_outputs
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm
 
 if TYPE_CHECKING:
     from lmkit.geometry.rig import AnyRig
@@ -112,7 +113,6 @@ def survey_readings(
     from lmkit.mapping.several_readings import survey_readings_together
     from lmkit.pipelines.recording_checks import require_plausible_recording
     from lmkit.pipelines.recording_folder import has_readings, open_recording_folder
-    from lmkit.units import parse_length_mm
 
     if not folders or not all(has_readings(Path(folder)) for folder in folders):
         raise InputError("no_rig", "survey needs a rig", "give --rig rig.yaml, or folders with readings.csv")

@@ -13,6 +13,7 @@ import typer
 from lmkit.cli import options
 from lmkit.cli.output import check_outputs, print_json, print_line, progress, write_outputs
 from lmkit.errors import InputError, NegativeAnswer
+from lmkit.units import parse_length_mm
 
 if TYPE_CHECKING:
     from lmkit.verification.prints import PrintedLandmark, VerifiedSheet
@@ -46,7 +47,6 @@ def run(
     from lmkit.io.manifest import read_manifest
     from lmkit.model.families import families_named
     from lmkit.pipelines.annotated import AnnotatedFolder
-    from lmkit.units import parse_length_mm
     from lmkit.verification.grade import GRADES
     from lmkit.verification.prints import Stated, stated_by_manifest, verify_sheets
     from lmkit.verification.results import annotated_prints, print_dict, print_lines

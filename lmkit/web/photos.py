@@ -16,6 +16,7 @@ from starlette.responses import Response
 from lmkit.arrays import ByteArray
 from lmkit.errors import InputError
 from lmkit.io.images import SUFFIXES
+from lmkit.units import parse_length_mm
 from lmkit.web.answers import MAX_UPLOAD, Body, answer, read_body, read_bytes
 from lmkit.web.state import State, state_of
 
@@ -122,7 +123,6 @@ def _verified(path: str, family: str, size: str, manifest: str | None) -> list[A
     from lmkit.detection.config import DetectOptions
     from lmkit.io.manifest import read_manifest
     from lmkit.model.families import families_named
-    from lmkit.units import parse_length_mm
     from lmkit.verification.prints import Stated, stated_by_manifest, verify_print
 
     stated: tuple[Stated, ...] = ()

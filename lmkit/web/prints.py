@@ -10,6 +10,7 @@ from pydantic import Field
 from starlette.requests import Request
 from starlette.responses import Response
 
+from lmkit.units import parse_length_mm
 from lmkit.web.answers import Body, answer, read_body
 from lmkit.web.state import state_of
 
@@ -135,7 +136,6 @@ def _layout(body: PrintBody) -> tuple[Any, list[int]]:
     from lmkit.model.codewords import parse_codes
     from lmkit.model.families import family_named
     from lmkit.pipelines.prints import PrintLayout, check_landmark_size
-    from lmkit.units import parse_length_mm
 
     family = family_named(body.family)
     codes = parse_codes(body.codes, family.code_count)

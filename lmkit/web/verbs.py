@@ -16,6 +16,7 @@ from starlette.responses import Response
 
 import lmkit as lm
 from lmkit.errors import InputError
+from lmkit.units import parse_length_mm
 from lmkit.web.answers import Body, answer, read_body
 from lmkit.web.project import FILMS, Project, listing
 from lmkit.web.state import state_of
@@ -98,8 +99,6 @@ def plan_unbag(project: Project, body: JobBody) -> Plan:
 
 def plan_survey(project: Project, body: JobBody) -> Plan:
     """The map from a recording."""
-    from lmkit.units import parse_length_mm
-
     parse_length_mm(body.size, "size")
     found = _recording(project, body.source)
     stem = _stem(body.source)
@@ -339,8 +338,6 @@ def _recording(project: Project, name: str) -> dict[str, Any]:
 
 def _ground(project: Project, body: JobBody) -> list[str]:
     """Options of the floor, the rig and the requirement."""
-    from lmkit.units import parse_length_mm
-
     parse_length_mm(body.error, "error")
     floor, rigs = _floor(project), ["rig.yaml", *_in_recordings(project, "rig.yaml")]
     if floor is None:
