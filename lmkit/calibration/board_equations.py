@@ -172,19 +172,52 @@ def solve_step(blocks: Blocks, fitted: BoolArray, damping: float) -> tuple[Float
     return shared, np.einsum("pij,pj->pi", inverse, remaining)
 
 
-def scatter_between_pairs(
-    blocks: Blocks, fitted: BoolArray, reduced: FloatArray, covariance: FloatArray
-) -> FloatArray:
-    """(F,) factors, at least 1, by which the scatter between pairs enlarges each variance.
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """Scatter of the solution between pairs, over what independent corners cause; (F,) of the fitted unknowns.
+
+    Attributes:
+        ratios: variance between pairs over the variance that independent corners cause.
+        corner_shares: share of each variance that corners cause; the rest is the prior's.
+        pairs: number of pairs.
+    """
+
+    ratios: FloatArray
+    corner_shares: FloatArray
+    pairs: int
+
+    @property
+    def design_effect(self) -> float:
+        """Factor of the variances by errors that corners of one image share, at least 1 (Kish 1965)."""
+        return max(1.0, float(np.median(self.ratios)))
+
+    @property
+    def factors(self) -> FloatArray:
+        """(F,) factors of the variances, at least 1.
+
+        The ratio of a single unknown is noisy, so each is at least the median of all.
+        """
+        # With few pairs, the variance of Student's distribution replaces the normal one; of less than five pairs, the
+        # jackknife itself is too large.
+        student = (self.pairs - 1) / (self.pairs - 3) if self.pairs > 5 else 2.0
+        ratios = student * self.ratios
+        ratios = np.maximum(ratios, max(1.0, float(np.median(ratios))))
+        return np.asarray(1 + (ratios - 1) * self.corner_shares)
+
+
+def scatter_between_pairs(blocks: Blocks, fitted: BoolArray, reduced: FloatArray, variance: float) -> Scatter | None:
+    """Scatter between pairs; None if it cannot be computed.
 
     The corners of one image have correlated errors (light, focus, lens model), so they carry less information than
     independent corners.  The pairs are independent: the changes of the solution when each is left out (the jackknife
-    for clustered data, Bell and McCaffrey 2002) are compared with the covariance from the corners alone. The ratio of
-    a single parameter is noisy, so each is at least the median of all.
+    for clustered data, Bell and McCaffrey 2002) are compared with the covariance from the corners alone.
+
+    Args:
+        reduced: (F,F) normal matrix.
+        variance: of a corner's coordinate, in units of the normal matrix.
     """
-    count = int(fitted.sum())
-    if blocks.poses.shape[0] < LEAST_PAIRS or not count:
-        return np.ones(count)
+    if blocks.poses.shape[0] < LEAST_PAIRS or not fitted.any():
+        return None
     inverse = np.linalg.inv(blocks.poses + 1e-12 * np.eye(POSE))
     back = blocks.mixed[:, fitted] @ inverse
     own = blocks.shared[:, fitted][:, :, fitted] - back @ blocks.mixed[:, fitted].transpose(0, 2, 1)
@@ -192,14 +225,13 @@ def scatter_between_pairs(
     try:
         moved = np.linalg.solve(reduced - own, pull[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        return np.ones(count)
+        return None
+    cofactors = np.linalg.pinv(reduced, hermitian=True)
+    of_corners = np.diag(cofactors) - np.diag(cofactors @ blocks.prior[np.ix_(fitted, fitted)] @ cofactors)
     pairs = len(moved)
-    # With few pairs, the variance of Student's distribution replaces the normal one; of less than five pairs, the
-    # jackknife itself is too large.
-    student = (pairs - 1) / (pairs - 3) if pairs > 5 else 2.0
-    variance = (moved**2).sum(axis=0) * (pairs - 1) / pairs * student
-    ratios = variance / np.maximum(np.diag(covariance), 1e-300)
-    return np.asarray(np.maximum(ratios, max(1.0, float(np.median(ratios)))))
+    between = (moved**2).sum(axis=0) * (pairs - 1) / pairs
+    ratios = between / np.maximum(variance * of_corners, 1e-300)
+    return Scatter(ratios, of_corners / np.maximum(np.diag(cofactors), 1e-300), pairs)
 
 
 def widened(covariance: FloatArray, factors: FloatArray) -> FloatArray:

@@ -23,6 +23,7 @@ from lmkit.calibration.board_equations import (
     AtScale,
     Blocks,
     CameraCorners,
+    Scatter,
     board_and_turned,
     derivatives_by_pose,
     derivatives_by_warp,
@@ -143,7 +144,22 @@ class StereoProblem:
         if not len(self.right.ids):
             count = len(intrinsics_vector(start.left))
             fitted[count : len(fitted) - WARP] = False
-        current, scale = minimize_rescaled(
+        current, scale = self._minimize(start, options, prior, fitted)
+        if not (options.covariance and fitted.any()):
+            return current
+        linear = self._linearized(current, scale, prior, fitted)
+        if options.known is not None and linear.scatter is not None:
+            # Corners share errors, so that they count less beside what is known of the lenses.
+            prior = prior.beside_corners(linear.scatter.design_effect)
+            current, scale = self._minimize(current, replace(options, damping=NEARBY), prior, fitted)
+            linear = self._linearized(current, scale, prior, fitted)
+        return replace(current, covariance=_covariance(linear, prior, fitted))
+
+    def _minimize(
+        self, start: Solution, options: FitOptions, prior: _Prior, fitted: BoolArray
+    ) -> tuple[Solution, float]:
+        """The solution without its covariance, and the robust scale."""
+        return minimize_rescaled(
             lambda scale: AtScale(
                 lambda s: self._cost(s, scale, prior),
                 lambda s: self._normal_equations(s, scale, prior),
@@ -156,9 +172,6 @@ class StereoProblem:
             options.converged,
             replace(DAMPING, start=options.damping),
         )
-        if not (options.covariance and fitted.any()):
-            return current
-        return replace(current, covariance=self._covariance(current, scale, prior, fitted))
 
     def _residuals(self, s: Solution) -> tuple[FloatArray, FloatArray]:
         """Left (N,2) and right (M,2); cached, since every step needs the cost and the scale of its state."""
@@ -220,8 +233,8 @@ class StereoProblem:
         blocks.prior_gradient[:] = -prior.root.T @ prior.pull(s) * scale**2
         return blocks
 
-    def _covariance(self, s: Solution, scale: float, prior: _Prior, fitted: BoolArray) -> FloatArray:
-        """(G,G) covariance of the shared unknowns; rows of what was not fitted are zero."""
+    def _linearized(self, s: Solution, scale: float, prior: _Prior, fitted: BoolArray) -> _Linearized:
+        """The normal matrix at a solution, and how corners scatter about it."""
         blocks = self._normal_equations(s, scale, prior)
         try:
             reduced, _ = reduced_equations(blocks, fitted, 0.0)
@@ -234,22 +247,45 @@ class StereoProblem:
         residuals = np.concatenate(self._whitened(s))
         weight = robust_weight(residuals, scale)
         degrees = max(2 * weight.sum() - fitted.sum() - POSE * self.count, 1.0)
-        variance = float(np.sum(weight[:, None] * residuals**2) / degrees)
-        covariance = np.linalg.pinv(reduced, hermitian=True) * variance
-        full = np.zeros((len(fitted), len(fitted)))
-        factors = scatter_between_pairs(blocks, fitted, reduced, covariance)
-        factors = np.minimum(factors, prior.most_widened(fitted, covariance))
-        full[np.ix_(fitted, fitted)] = widened(covariance, factors)
-        return full
+        variance = float(np.sum(weight[:, None] * residuals**2) / degrees) * prior.design_effect
+        return _Linearized(reduced, variance, scatter_between_pairs(blocks, fitted, reduced, variance))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linearized:
+    """The (F,F) normal matrix of the fitted unknowns, the variance of a corner's coordinate, the scatter of pairs."""
+
+    reduced: FloatArray
+    variance: float
+    scatter: Scatter | None
+
+
+def _covariance(linear: _Linearized, prior: _Prior, fitted: BoolArray) -> FloatArray:
+    """(G,G) covariance of the shared unknowns; rows of what was not fitted are zero."""
+    covariance = np.linalg.pinv(linear.reduced, hermitian=True) * linear.variance
+    if linear.scatter is not None:
+        factors = np.minimum(linear.scatter.factors, prior.most_widened(fitted, covariance))
+        covariance = widened(covariance, factors)
+    full = np.zeros((len(fitted), len(fitted)))
+    full[np.ix_(fitted, fitted)] = covariance
+    return full
 
 
 @dataclass(frozen=True, eq=False)
 class _Prior:
-    """Prior of the shared unknowns: (G,) values, (G,G) root of the information, variances."""
+    """Prior of the shared unknowns.
+
+    Attributes:
+        mean: (G,) values.
+        root: (G,G) root of the information, beside corners that count as if they were independent.
+        stated: (G,) variances, None for the wide prior of any lens.
+        design_effect: variance that corners cause, over that of independent corners.
+    """
 
     mean: FloatArray
     root: FloatArray
     stated: FloatArray | None = None
+    design_effect: float = 1.0
 
     @classmethod
     def of(cls, s: Solution, known: KnownIntrinsics | None) -> _Prior:
@@ -262,6 +298,10 @@ class _Prior:
             return cls(np.concatenate([known.mean, others]), root, variances)
         weight = np.concatenate([intrinsics_prior(s.left), intrinsics_prior(s.right), others])
         return cls(np.zeros(len(weight)), np.diag(weight))
+
+    def beside_corners(self, design_effect: float) -> _Prior:
+        """The prior beside corners whose errors are correlated."""
+        return replace(self, root=self.root * np.sqrt(design_effect), design_effect=design_effect)
 
     def pull(self, s: Solution) -> FloatArray:
         """(G,) distances from the values, in standard deviations."""

@@ -98,9 +98,10 @@ class RigProblem:
         off = np.concatenate(self.residuals(current))
         weight = robust_weight(off, scale)
         degrees = max(2 * weight.sum() - len(fitted) - POSE * self.frames, 1.0)
-        covariance = np.linalg.pinv(reduced, hermitian=True) * float((weight[:, None] * off**2).sum() / degrees)
-        covariance = widened(covariance, scatter_between_pairs(blocks, fitted, reduced, covariance))
-        return replace(current, covariance=covariance)
+        variance = float((weight[:, None] * off**2).sum() / degrees)
+        covariance = np.linalg.pinv(reduced, hermitian=True) * variance
+        scatter = scatter_between_pairs(blocks, fitted, reduced, variance)
+        return replace(current, covariance=covariance if scatter is None else widened(covariance, scatter.factors))
 
     def _poses(self, s: RigSolution) -> int:
         return POSE * (len(s.models) - 1)

@@ -209,6 +209,30 @@ def test_lenses_known_within_stated_deviations_are_fitted_too():
     assert np.sqrt(narrow.covariance[2, 2]) <= 1e-4 * (1 + 1e-9)
 
 
+def test_known_lenses_count_more_where_the_corners_of_an_image_err_together():
+    """Right lenses, known to 2 px: errors that the corners of an image share move the principal point by 0.8 px."""
+    rig, rng = make_rig(), np.random.default_rng(5)
+    lenses = np.concatenate([intrinsics_vector(rig.left), intrinsics_vector(rig.right)])
+    sigma = np.concatenate([sigma_of_pixels(camera, 2.0) for camera in (rig.left, rig.right)])
+    options = FitOptions(known=KnownIntrinsics(lenses, np.diag(sigma**2)))
+    errors, stated = [], []
+    for seed in range(1, 9):
+        shifted = []
+        for view in views(5, 0.05, seed):
+            x, y = ((view.left - view.left.mean(axis=0)) / 100).T
+            shift_px = np.column_stack([x * y, x**2, y**2]) @ rng.normal(0, 0.4, (3, 2))
+            shifted.append(replace(view, left=view.left + shift_px))
+        poses = board_poses(seed, rig, BOARD, 5)
+        boards = np.array([p.R for p in poses]), np.array([p.t for p in poses])
+        start = Solution(rig.left, rig.right, rig.T_right_left.R, rig.T_right_left.t, np.zeros(2), *boards)
+        found = StereoProblem(BOARD.object_points, shifted).solve(start, options)
+        errors.append(intrinsics_vector(found.left)[2:4] - lenses[2:4])
+        stated.append(np.sqrt(np.diag(found.covariance)[2:4]))
+    assert np.sqrt(np.mean(np.square(errors))) < 1.0  # 2.0 where corners count as independent
+    assert (np.abs(errors) < 1.96 * np.array(stated)).all()
+    assert np.max(stated) <= 2.0 * (1 + 1e-9)
+
+
 def test_lenses_that_the_images_contradict_are_named():
     """One camera's principal point is 25 px off, known to 2 px or kept; the other camera is right."""
     rig = make_rig()
