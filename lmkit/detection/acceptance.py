@@ -9,6 +9,7 @@ AprilTag and ArUco markers have another rule: `TagRule` in `tag_registration`.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -124,14 +125,23 @@ class ScoredReading:
         }
 
     @cached_property
+    def _sum_of_terms(self) -> float:
+        figures = self.figures
+        return BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
+
+    @property
     def log_odds(self) -> float:
         """Score: log odds of being a landmark with the right code.
 
         At most the margin over the likeliest rival, and over another code behind an object.
         """
-        figures = self.figures
-        score = BIAS + sum(term.weight * figures[name] for name, term in TERMS.items())
-        return min(score, self._margin, self._behind_object)
+        return min(self._sum_of_terms, self._margin, self._behind_object)
+
+    def compared(self, **margins: float) -> ScoredReading:
+        """The reading with a ``rival_margin`` or a ``covering_margin``; its figures stay."""
+        compared = copy.copy(self)
+        vars(compared).update(margins)
+        return compared
 
     @property
     def is_doubtful(self) -> bool:

@@ -10,7 +10,7 @@ from lmkit.arrays import FloatArray
 from lmkit.detection.decoding import CORRELATED_PIXELS, RULES, Decoding
 from lmkit.detection.fit_steps import CHANNEL_WEIGHTS, compiled_fit
 from lmkit.detection.linear_image import LinearImage
-from lmkit.detection.registration import PatternRegistration
+from lmkit.detection.registration import PatternRegistration, registration_at
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.covering import Covering, CoveringRules, covering_numpy
 from lmkit.kernels.hypotheses import decode, selection_matrices
@@ -40,13 +40,11 @@ def covering_margin(
         Near 0 if the best object also hides the decisive gap; infinite if no object takes so much away, or if too
         few pixels are available.
     """
-    fit = PatternRegistration(image, family, state[:8].reshape(4, 2), 1.0)
-    fit.state = state
     if landmark_fit.is_compiled():
-        compiled = compiled_fit(image, family, pixels)
-        found = compiled.run_covering(fit.view, state, decoding.quarter, decoding.code, COVERING_RULES)
+        fit = compiled_fit(image, family, pixels)
+        found = fit.run_covering(state, decoding.quarter, decoding.code, COVERING_RULES)
     else:
-        found = covering_of(fit, decoding, pixels)
+        found = covering_of(registration_at(image, family, state), decoding, pixels)
     if found is None or found.behind_object > TAKEN_AWAY * found.alone:
         return math.inf
     return found.behind_object / CORRELATED_PIXELS / 2

@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+import numpy as np
+
 from lmkit.detection import decoding
 from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage
@@ -33,6 +35,7 @@ from lmkit.kernels.landmark_fit import (
     Start,
 )
 from lmkit.kernels.mosaic import MosaicRules
+from lmkit.kernels.plane import View
 from lmkit.kernels.registration import Priors, Steps
 from lmkit.model.landmark import LandmarkFamily
 
@@ -104,7 +107,9 @@ def compiled_fit(image: LinearImage, family: LandmarkFamily, pixels: int) -> Lan
     """The compiled steps for landmarks of a family in this image."""
     known = image.fits.get((family, pixels))
     if known is None:
-        known = LandmarkFit(_task(family, pixels), image.straight_source, image.lens, image.skew, image.pixel_error)
+        view = View(np.zeros(2), image.center, image.half_width, family.half_mm)
+        task, source = _task(family, pixels), image.straight_source
+        known = LandmarkFit(task, source, view, image.lens, image.skew, image.pixel_error)
         image.fits[family, pixels] = known
     return known
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,6 @@ from lmkit.detection.registration import PatternRegistration, blur_of
 from lmkit.detection.rivals import rival_margin
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import Fitted
-from lmkit.kernels.plane import View
 from lmkit.kernels.registration import Steps
 from lmkit.model.landmark import LandmarkFamily
 from lmkit.model.landmark_id import LandmarkId
@@ -97,9 +96,8 @@ def register_all(
     coarse = np.array([_coarse_corners(image, quad, family, options) for quad in quads])
     quads = image.straightened(coarse.reshape(-1, 2)).reshape(-1, 4, 2)
     fits_distortion = options.through_lens and options.camera is None
-    view = View(np.zeros(2), image.center, image.half_width, family.half_mm).flat
     fit = compiled_fit(image, family, options.config.pixels)
-    fitted = fit.run_all(view, quads, DISTORTION_SIDE_PX if fits_distortion else math.inf)
+    fitted = fit.run_all(quads, DISTORTION_SIDE_PX if fits_distortion else math.inf)
     return [_candidate_of(image, one, family, options) for one in fitted]
 
 
@@ -182,9 +180,9 @@ def _against_other_codes(
     """
     least, pixels = options.rule.least_log_odds, options.config.pixels
     if reading.log_odds >= least and reading.is_doubtful:
-        reading = replace(reading, rival_margin=rival_margin(image, family, state, reading.decoding, pixels))
+        reading = reading.compared(rival_margin=rival_margin(image, family, state, reading.decoding, pixels))
     if reading.log_odds >= least and reading.shows_object:
-        reading = replace(reading, covering_margin=covering_margin(image, family, state, reading.decoding, pixels))
+        reading = reading.compared(covering_margin=covering_margin(image, family, state, reading.decoding, pixels))
     return reading
 
 

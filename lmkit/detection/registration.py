@@ -257,6 +257,13 @@ class PatternRegistration(DrawingFit):
         return decoding
 
 
+def registration_at(image: LinearImage, family: LandmarkFamily, state: FloatArray) -> PatternRegistration:
+    """The fit of a landmark's pattern in a (15,) state."""
+    fit = PatternRegistration(image, family, state[:8].reshape(4, 2), 1.0)
+    fit.state = state
+    return fit
+
+
 def aligned_with_mosaic(corners: FloatArray, period_px: float = CORNER_ERRORS.mosaic) -> float:
     """Alignment of the sides of (4,2) corners with rows and columns of pixels: 1 if aligned, toward 0 if not.
 

@@ -10,7 +10,7 @@ from lmkit.arrays import FloatArray
 from lmkit.detection.decoding import CORRELATED_PIXELS, RULES, Decoding, decode_square
 from lmkit.detection.fit_steps import CHANNEL_WEIGHTS, COARSE_PIXELS, compiled_fit
 from lmkit.detection.linear_image import LinearImage
-from lmkit.detection.registration import PatternRegistration
+from lmkit.detection.registration import PatternRegistration, registration_at
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.hypotheses import Words, decode
 from lmkit.kernels.landmark_fit import RivalRules, Rivals
@@ -37,13 +37,11 @@ def rival_margin(
     Returns:
         Less than 0 if a rival fits better; infinite if none comes close.
     """
-    fit = PatternRegistration(image, family, state[:8].reshape(4, 2), 1.0)
-    fit.state = state
     if landmark_fit.is_compiled():
-        compiled = compiled_fit(image, family, pixels)
-        found = compiled.run_rivals(fit.view, state, decoding.quarter, decoding.code, RIVAL_RULES)
+        fit = compiled_fit(image, family, pixels)
+        found = fit.run_rivals(state, decoding.quarter, decoding.code, RIVAL_RULES)
     else:
-        found = rivals_of(fit, decoding, min(COARSE_PIXELS, pixels))
+        found = rivals_of(registration_at(image, family, state), decoding, min(COARSE_PIXELS, pixels))
     if found is None or found.rivals_error is None:
         return math.inf
     return _ratio(found.pixels, found.rivals_error, found.error)

@@ -62,13 +62,13 @@ LMKIT_EXPORT int lmkit_fit_landmark(const Fit *fit, const double *view, int64_t 
                                     double *state, double *out);
 
 /* Both phases for `count` squares (count,8); the distortion is fitted where the side is larger than `distortion_side`.
- * The view's origin is set for every square.  rows (count, width): 1 where a landmark may be, else 0; the state; and
+ * The view's origin is not used.  rows (count, width): 1 where a landmark may be, else 0; the state; and
  * what `lmkit_fit_landmark` gives. */
 LMKIT_EXPORT int lmkit_fit_landmarks(const Fit *fit, const double *view, int64_t count, const double *quads,
                                      double distortion_side, int64_t capacity, float *planes, float *work,
                                      uint8_t *kinds, double *subsets, int64_t width, double *rows);
 
-/* From a state (15) on: how well the reading of a turn and a code fits, and how well its `rivals` likeliest other codes
+/* From a state (15) on (the view's origin is not used): how well the reading of a turn and a code fits, and how well its `rivals` likeliest other codes
  * do, each registered in `most` steps that end at `to_px` or `negligible`, as `Steps` do.  A rival is left out where its margin before that is over `hopeless` and over
  * `by_error` times the reading's error.  masks: a copy of the family's, which is used up.  results: room for a weight,
  * an error and a normal matrix.  out: pixels, the reading's error and the least of the rivals', -1 where none was
@@ -78,7 +78,7 @@ LMKIT_EXPORT int lmkit_fit_rivals(const Fit *fit, const double *view, int64_t tu
                                   int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets,
                                   int32_t *masks, double *state, double *results, double *out);
 
-/* At a state (15): chi2 by which the reading of a turn and a code explains the pixels better than another code behind an
+/* At a state (15) (the view's origin is not used): chi2 by which the reading of a turn and a code explains the pixels better than another code behind an
  * object does, and than another code alone; 0 where these pixels are read otherwise.  reach and price: of `CoveringRules`.
  * results: room for a decoding's head.  Returns 1 where nothing is there.  Definition: detection/covering.py, covering_of. */
 LMKIT_EXPORT int lmkit_fit_covering(const Fit *fit, const double *view, int64_t turn, int64_t code, double reach,
@@ -108,6 +108,14 @@ static void distort(const double *view, double distortion, double *at)
     }
     at[0] = x[0] + view[0];
     at[1] = x[1] + view[1];
+}
+
+/* The view of a landmark with these corners: its origin is the whole pixel next to their middle. */
+static void set_origin(const double *view, const double *corners, double *here)
+{
+    memcpy(here, view, VIEW * sizeof *here);
+    for (int i = 0; i < 2; i++)
+        here[i] = nearbyint(0.25 * (corners[i] + corners[2 + i] + corners[4 + i] + corners[6 + i]));
 }
 
 /* First and last pixels of the landmark and its margin, within the image; 0 where it is not there. */
@@ -376,14 +384,12 @@ int lmkit_fit_landmarks(const Fit *f, const double *view, int64_t count, const d
                         double *rows)
 {
     double here[VIEW];
-    memcpy(here, view, sizeof here);
     for (int64_t k = 0; k < count; k++) {
         const double *quad = quads + CORNERS * k;
         double *row = rows + width * k, *state = row + 1, side = side_of(quad);
         for (int i = 0; i < STATE; i++)
             state[i] = i < CORNERS ? quad[i] : 0.0;
-        for (int i = 0; i < 2; i++)
-            here[i] = nearbyint(0.25 * (quad[i] + quad[2 + i] + quad[4 + i] + quad[6 + i]));
+        set_origin(view, quad, here);
         /* The blur starts generous, so that a wrong corner still feels its edge. */
         double blur = f->blur_share * (side < f->blurred_side ? side : f->blurred_side);
         blur = blur > f->least_blur ? blur : f->least_blur;
@@ -406,7 +412,9 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
                      double *out)
 {
     Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
-    if (!take(f, view, state, f->coarse_pixels, f->near_share, &p))
+    double here[VIEW];
+    set_origin(view, state, here);
+    if (!take(f, here, state, f->coarse_pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
     double limits[LIMITS];
@@ -416,23 +424,23 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
     out[0] = (double)p.n;
     out[1] = 1.0;
     out[2] = -1.0;
-    read_code(f, view, state, &p, p.variance, 0, decoded);
+    read_code(f, here, state, &p, p.variance, 0, decoded);
     const double far = fmax(hopeless, by_error * decoded[2] / (3.0 * (double)p.n));
     if (decoded[0] == (double)turn && decoded[1] == (double)code && fmin(margin(f, decoded, decoded[3], p.n), margin(f, decoded, decoded[4], p.n)) > far)
         return 0;
-    if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, open, turn, 0, 0, most, to_px, NULL, NULL, p.work, state, p.robust, weight, normal, error))
+    if (lmkit_register(p.n, f->drawing, here, p.at, p.values, p.variance, f->priors, limits, open, turn, 0, 0, most, to_px, NULL, NULL, p.work, state, p.robust, weight, normal, error))
         return 1;
     const double per_log = 3.0 * (double)p.n / f->correlated / 2.0, own = *error > 1e-9 ? *error : 1e-9;
     out[1] = own;
     for (int64_t k = 0; k < rivals && codes > 1; k++) {
         leave_out(masks, codes--, code);
-        if (decode_pixels(p.n, f->drawing, view, p.at, p.values, p.variance, state, masks, codes, f->decoding, 0, p.work, p.subsets, decoded))
+        if (decode_pixels(p.n, f->drawing, here, p.at, p.values, p.variance, state, masks, codes, f->decoding, 0, p.work, p.subsets, decoded))
             break;
         turn = (int64_t)decoded[0], code = (int64_t)decoded[1];
         if (per_log * log(decoded[2] / (3.0 * (double)p.n * own)) > far)
             break;
         memcpy(moved, state, sizeof moved);
-        if (lmkit_register(p.n, f->drawing, view, p.at, p.values, p.variance, f->priors, limits, masks[turn * codes + code], turn, 0, 0, most, to_px, NULL, NULL, p.work, moved, p.robust, weight, normal, error))
+        if (lmkit_register(p.n, f->drawing, here, p.at, p.values, p.variance, f->priors, limits, masks[turn * codes + code], turn, 0, 0, most, to_px, NULL, NULL, p.work, moved, p.robust, weight, normal, error))
             break;
         out[2] = out[2] < 0.0 || *error < out[2] ? *error : out[2];
         if (out[2] < own)
@@ -446,19 +454,21 @@ int lmkit_fit_covering(const Fit *f, const double *view, int64_t turn, int64_t c
                        double *results, double *out)
 {
     Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
-    if (!take(f, view, state, f->pixels, f->near_share, &p))
+    double here[VIEW];
+    set_origin(view, state, here);
+    if (!take(f, here, state, f->pixels, f->near_share, &p))
         return 1;
     weigh_channels(f, &p);
-    read_code(f, view, state, &p, p.variance, 0, results);
+    read_code(f, here, state, &p, p.variance, 0, results);
     out[0] = out[1] = 0.0;
     if (results[0] != (double)turn || results[1] != (double)code)
         return 0;
     const double *r = f->decoding;
     const OcclusionRules hiding = {r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
-    const Plane plane = plane_of(view, state);
+    const Plane plane = plane_of(here, state);
     const int gaps = (int)f->gaps;
     float *scratch = p.work + (p.n + BLOCK) * (9 + gaps);
     const int32_t *masks = f->masks + turn * f->codes;
-    covering(p.n, gaps, p.at, p.values, p.variance, &plane, view[5], &hiding, reach, price, results + 6, (int)turn, (uint32_t)masks[code], masks, f->codes, p.work, scratch, (uint32_t *)p.subsets, out);
+    covering(p.n, gaps, p.at, p.values, p.variance, &plane, here[5], &hiding, reach, price, results + 6, (int)turn, (uint32_t)masks[code], masks, f->codes, p.work, scratch, (uint32_t *)p.subsets, out);
     return 0;
 }

@@ -232,9 +232,16 @@ class FitTask:
 
 
 class LandmarkFit:
-    """Fits landmarks of one drawing in one image."""
+    """Fits landmarks of one drawing in one image.
 
-    def __init__(self, task: FitTask, source: Source, lens: Lens | None, skew: float, noise: float) -> None:
+    Attributes:
+        view: geometry of the image; its origin is not used.
+    """
+
+    def __init__(
+        self, task: FitTask, source: Source, view: View, lens: Lens | None, skew: float, noise: float
+    ) -> None:
+        self.view = view
         struct = None if lens is None else lens.struct
         self._kept = (task, source, struct)
         self._task = packed = _Fit.from_buffer_copy(task.packed)
@@ -274,11 +281,10 @@ class LandmarkFit:
         )
         return None if status else self._fitted(moved, out)
 
-    def run_all(self, view: FloatArray, quads: FloatArray, distortion_side: float) -> list[Fitted]:
+    def run_all(self, quads: FloatArray, distortion_side: float) -> list[Fitted]:
         """Fits from all squares (N,4,2); squares without a landmark are omitted.
 
         Args:
-            view: the flat `View` of the image; its origin is not used.
             distortion_side: for squares with a larger side, the distortion is also fitted.
         """
         kernel = _all_kernel()
@@ -287,11 +293,12 @@ class LandmarkFit:
         rows = np.zeros((len(quads), width))
         rooms = [WORKSPACE.floats(*room) for room in self._room]
         task, first = ctypes.addressof(self._task), address(rows)
-        kernel(task, address(view), len(quads), address(quads), distortion_side, self._capacity, *rooms, width, first)
+        view = address(self.view.flat)
+        kernel(task, view, len(quads), address(quads), distortion_side, self._capacity, *rooms, width, first)
         fitted = zip(rows, rows[:, 0].tolist(), strict=True)
         return [self._fitted(row[1 : 1 + STATE], row[1 + STATE :]) for row, is_fitted in fitted if is_fitted]
 
-    def run_rivals(self, view: View, state: FloatArray, turn: int, code: int, rules: RivalRules) -> Rivals | None:
+    def run_rivals(self, state: FloatArray, turn: int, code: int, rules: RivalRules) -> Rivals | None:
         """The reading of a quarter turn and a code, and its rivals, from a (15,) state; None with too few pixels."""
         kernel = _rivals_kernel()
         assert kernel is not None
@@ -300,12 +307,10 @@ class LandmarkFit:
         rooms = [WORKSPACE.floats(*room) for room in self._room]
         task = ctypes.addressof(self._task)
         ends = addresses(masks, moved, results, out)
-        status = kernel(task, address(view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
+        status = kernel(task, address(self.view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
         return None if status else Rivals(int(out[0]), float(out[1]), float(out[2]) if out[2] >= 0 else None)
 
-    def run_covering(
-        self, view: View, state: FloatArray, turn: int, code: int, rules: CoveringRules
-    ) -> Covering | None:
+    def run_covering(self, state: FloatArray, turn: int, code: int, rules: CoveringRules) -> Covering | None:
         """The reading of a turn and a code, at a (15,) state, compared with others behind an object; else None."""
         kernel = _covering_kernel()
         assert kernel is not None
@@ -313,7 +318,7 @@ class LandmarkFit:
         rooms = [WORKSPACE.floats(*room) for room in self._room]
         ends = addresses(state, results, out)
         task = ctypes.addressof(self._task)
-        status = kernel(task, address(view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
+        status = kernel(task, address(self.view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
         return None if status else Covering(float(out[0]), float(out[1]))
 
     def _fitted(self, state: FloatArray, out: FloatArray) -> Fitted:
