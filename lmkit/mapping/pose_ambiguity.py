@@ -97,8 +97,9 @@ def _fitted_alternatives(problem: BundleProblem) -> tuple[FloatArray, FloatArray
         step = problem.landmark_steps()
         R, p = rotation_exp(step[:, 3:]) @ R, p + step[:, :3]
     problem.restore(before)
-    # Skip landmarks that are nearly symmetric, fixed, or have no inliers.
+    # Skip landmarks that are nearly symmetric, whose fit returned to the first pose, or that are fixed or unobserved.
+    back = np.linalg.norm(rotation_log(best_R @ before.lm_R.transpose(0, 2, 1)), axis=1) < DIFFERENT_RAD
     held = np.array([problem.is_fixed(k) for k in range(len(own))])
     seen = np.bincount(problem.seen.of, problem.used, len(own)) > 0
-    best[(angle < DIFFERENT_RAD) | held | ~seen] = np.inf
+    best[(angle < DIFFERENT_RAD) | back | held | ~seen] = np.inf
     return own, best, best_R, best_p
