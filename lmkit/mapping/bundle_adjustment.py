@@ -135,7 +135,7 @@ class BundleProblem:
         self._put_back: tuple[tuple[Any, ...], FloatArray] | None = None
         self._blocks: tuple[BlockPattern, IntArray] | None = None
         self._linearized: tuple[tuple[Any, ...], tuple[ChainEquations, float]] | None = None
-        self._converged = False  # an adjustment ended there
+        self._converged: tuple[Any, ...] | None = None  # unknowns and weights at which an adjustment ended
 
     def carry(self) -> bool:
         """Update the motion between frame and exposure of each camera; False if all are synchronous.
@@ -170,31 +170,40 @@ class BundleProblem:
         if isinstance(self.seen, ObservationArrays):
             self.seen = StoredObservations.write(self.seen, path)
 
-    def optimize(self, steps: int, least_share: float = 0.0, until: Callable[[State], bool] | None = None) -> float:
-        """Levenberg-Marquardt from the current unknowns; the final cost.
+    def optimize(
+        self,
+        steps: int,
+        least_gain: float = CONVERGED,
+        least_share: float = 0.0,
+        until: Callable[[State], bool] | None = None,
+    ) -> None:
+        """Levenberg-Marquardt from the current unknowns.
 
         Args:
             steps: largest number of steps.
-            least_share: of the cost; a step that lowers it by less is the last one.
+            least_gain, least_share: of the cost, or of its share; a step that is predicted to lower the cost by less
+                is the last one.
             until: a state that needs no further step.
         """
-        cost = self.cost()
-        if self._converged:
-            return cost
-        end = minimize(self, self.state(), steps, CONVERGED, DAMPING, least_share, until)
+        if _are_same(self._converged, self._arrays()):
+            return
+        end = minimize(self, self.state(), steps, least_gain, DAMPING, least_share, until, _predicted_gain)
         self.restore(end.state)
-        self._converged = end.gain is not None and end.gain < CONVERGED
-        return end.cost
+        self._converged = self._arrays() if end.gain is not None and end.gain < CONVERGED else None
 
     def linearize(self, state: State) -> tuple[ChainEquations, float]:
         """Normal equations and cost at a state; callers must not change them, because they are cached."""
         self.restore(state)
-        by = self.faces, self.used, self.motion_scale, self.seen, self.slip_sigma
-        at = (*self.own_state(), self.lm_R, self.lm_p, *by)
-        if self._linearized is None or any(a is not b for a, b in zip(self._linearized[0], at, strict=True)):
-            self._linearized, self._converged = None, False
+        at = self._arrays()
+        if self._linearized is None or not _are_same(self._linearized[0], at):
+            self._linearized = None
             self._linearized = at, self._equations()
         return self._linearized[1]
+
+    def _arrays(self) -> tuple[Any, ...]:
+        """The unknowns and everything else on which the equations depend; arrays are replaced, never changed."""
+        weights = self.faces, self.used, self.motion_scale, self.seen, self.slip_sigma
+        return (*self.own_state(), self.lm_R, self.lm_p, *weights)
 
     def solve(self, equations: ChainEquations, damping: float) -> tuple[FloatArray, FloatArray]:
         """Steps of the poses and of the shared unknowns."""
@@ -365,7 +374,7 @@ class BundleProblem:
         if not (self.swelling.any() or self.faces.any()):
             return bundle
         by = self.seen, self.swelling, self.faces
-        if self._put_back is None or any(a is not b for a, b in zip(self._put_back[0], by, strict=True)):
+        if self._put_back is None or not _are_same(self._put_back[0], by):
             self._put_back = by, without_swelling(bundle, self.swelling, self.faces)
         return replace(bundle, rays=self._put_back[1])
 
@@ -510,3 +519,13 @@ class BundleProblem:
         else:
             jumps, off = jumps_by_odometry(self._motions())
         return tuple((float(self.times[k]), float(self.times[k + 1]), float(off[k])) for k in jumps)
+
+
+def _are_same(one: tuple[Any, ...] | None, other: tuple[Any, ...]) -> bool:
+    """Whether all arrays are the same objects."""
+    return one is not None and all(a is b for a, b in zip(one, other, strict=True))
+
+
+def _predicted_gain(equations: ChainEquations, step: tuple[FloatArray, FloatArray]) -> float:
+    """Decrease of the cost by a step, according to the equations."""
+    return float(np.vdot(equations.gradient, step[0]) + np.vdot(equations.shared_gradient, step[1]))

@@ -194,7 +194,7 @@ class _Search:
         """A few steps of bundle adjustment, so that errors do not accumulate over rounds."""
         start = Start(self.poses, self.placed, self.anchors, recorded=self.recorded)
         problem = start.problem(self.frames, self.rig, self.expected)
-        problem.optimize(SETTLING, SETTLED_SHARE)
+        problem.optimize(SETTLING, least_share=SETTLED_SHARE)
         for k, R, p in zip(start.rows, problem.R, problem.p, strict=True):
             self.poses[k] = Pose("map", "left", orthonormal(R), p)
         self.placed.update({m.id: m for m in problem.landmarks()})

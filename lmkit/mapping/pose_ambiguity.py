@@ -42,7 +42,8 @@ def resolve_pose_ambiguities(problem: BundleProblem) -> dict[int, FloatArray]:
         off = _apart(R[k], p[k], before.lm_R[k], before.lm_p[k])
         problem.put(k, R[k], p[k])
         is_back = partial(_is_turned_back, before.lm_R[k], k)
-        there = problem.optimize(SETTLING, until=is_back)
+        problem.optimize(SETTLING, until=is_back)
+        there = problem.cost()
         settled = _apart(problem.lm_R[k], problem.lm_p[k], before.lm_R[k], before.lm_p[k])
         if is_back(problem.state()):
             # It returned to the first pose: only the flatness of the valley matters.

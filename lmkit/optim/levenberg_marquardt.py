@@ -61,7 +61,8 @@ class Iterate(Generic[State, Equations]):
     """The state of the loop.
 
     Attributes:
-        state, equations, cost: the best state so far, linearized.
+        state, equations, cost: the best state so far, linearized; after a step that was not evaluated, the equations
+            are those before it, and the cost is the predicted one.
         damping: of the next step.
         gain: decrease of the cost by the last step; None if the step was rejected.
     """
@@ -81,12 +82,23 @@ def start_at(
 
 
 def try_step(
-    problem: LeastSquares[State, Equations, Step], now: Iterate[State, Equations], rule: Damping
+    problem: LeastSquares[State, Equations, Step],
+    now: Iterate[State, Equations],
+    rule: Damping,
+    least_gain: float = 0.0,
+    predicted: Callable[[Equations, Step], float] | None = None,
 ) -> Iterate[State, Equations]:
-    """Try one damped step; if it does not lower the cost, the iterate keeps its state, with more damping."""
+    """Try one damped step; if it does not lower the cost, the iterate keeps its state, with more damping.
+
+    Args:
+        least_gain, predicted: as of :func:`minimize`.
+    """
     grown = max(now.damping * rule.grow, rule.first_grown)
     try:
-        state = problem.retract(now.state, problem.solve(now.equations, now.damping))
+        step = problem.solve(now.equations, now.damping)
+        state = problem.retract(now.state, step)
+        if predicted is not None and (gain := predicted(now.equations, step)) < least_gain:
+            return Iterate(state, now.equations, now.cost - gain, now.damping, gain)
         equations, cost = problem.linearize(state)
     except np.linalg.LinAlgError:
         return Iterate(now.state, now.equations, now.cost, grown)
@@ -103,6 +115,7 @@ def minimize(
     rule: Damping | None = None,
     least_share: float = 0.0,
     until: Callable[[State], bool] | None = None,
+    predicted: Callable[[Equations, Step], float] | None = None,
 ) -> Iterate[State, Equations]:
     """Minimize from a start.
 
@@ -111,11 +124,13 @@ def minimize(
         least_gain, least_share: a step that lowers the cost by less than this, or less than this share of it, is the
             last one.
         until: whether a state needs no further step.
+        predicted: decrease of the cost by a step, as the equations predict it.  If this is given, a last step is
+            recognized by it, and is accepted without evaluating the cost.
     """
     rule = rule or Damping()
     now = start_at(problem, state, rule.start)
     for _ in range(steps):
-        now = try_step(problem, now, rule)
+        now = try_step(problem, now, rule, max(least_gain, least_share * now.cost), predicted)
         if now.damping > rule.most or (now.gain is not None and now.gain < max(least_gain, least_share * now.cost)):
             break
         if until is not None and until(now.state):

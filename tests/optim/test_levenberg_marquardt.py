@@ -56,6 +56,24 @@ def test_the_loop_ends_at_the_first_state_that_needs_no_further_step():
     assert 0 < end.state[0] == passed[-1] < 0.99
 
 
+def test_a_step_that_is_predicted_to_gain_little_is_accepted_without_evaluation():
+    evaluated = []
+
+    class Counted(Rosenbrock):
+        def linearize(self, state):
+            evaluated.append(state)
+            return super().linearize(state)
+
+    def predicted(equations, step):
+        return float(equations[1] @ step)
+
+    end = minimize(Counted(), np.array([-1.0, 2.0]), 200, 1e-6, predicted=predicted)
+    assert all(end.state is not state for state in evaluated)
+    assert 0 < end.gain < 1e-6
+    assert np.allclose(end.state, 1.0, atol=1e-5)
+    assert end.cost == pytest.approx(0.0, abs=1e-6)
+
+
 class Undetermined(Rosenbrock):
     def solve(self, equations, damping):
         raise np.linalg.LinAlgError("singular")
