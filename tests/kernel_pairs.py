@@ -43,6 +43,7 @@ from lmkit.kernels.face_swelling import (
     outward,
     outward_numpy,
 )
+from lmkit.kernels.frame_search import search_frames, search_frames_numpy
 from lmkit.kernels.landmark_bundle import (
     Bundle,
     Sums,
@@ -205,6 +206,33 @@ def _search_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     lost = landmarks_in_view(rng, 2, False, 1e-3)
     lost.rays[:] = np.nan
     yield lost, np.array([0, 1, 0, 1]), np.full(4, 30.0), NO_PRIOR, SEARCH
+
+
+def _frame_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+    """Frames of 0, 1, 2 and 5 landmarks, and one whose corners are not numbers."""
+    counts = (0, 1, 5, 0, 2, 1)
+    frames = [landmarks_in_view(rng, count, False, 5e-4) for count in counts]
+    frames[2].rays[[0, 5]] += 0.05
+    frames[-1].rays[:] = np.nan
+    names = ("points", "rays", "by_ray", "whitener", "R_camera", "t_camera")
+    corners = Corners(*(np.concatenate([getattr(frame, name) for frame in frames]) for name in names))
+    starts = np.cumsum([0, *(2 * count for count in counts)])
+    of = np.concatenate([np.tile(np.arange(count), 2) for count in counts])
+    for most in (1, 4):
+        yield corners, starts, of, rng.uniform(20, 40, len(of)), SEARCH, most
+    yield landmarks_in_view(rng, 0, False, 0.0), np.zeros(1, dtype=np.int64), of[:0], np.zeros(0), SEARCH
+
+
+def _found(search: Any) -> Any:
+    """The arrays of found poses."""
+
+    def run(*arguments: Any) -> tuple[np.ndarray, ...]:
+        found = search(*arguments)
+        values = found.count, found.R, found.p, found.cost, found.chi2, found.covariance
+        return tuple(np.nan_to_num(value.astype(np.float64), nan=-7.0, posinf=-9.0) for value in values)
+
+    run.__name__ = search.__name__
+    return run
 
 
 def _covariance_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
@@ -498,6 +526,7 @@ PAIRS = [
     Pair(pose_equations, pose_equations_numpy, _equation_calls),
     Pair(refine_poses, refine_poses_numpy, _refine_calls, 1e-9),
     Pair(search_poses, search_poses_numpy, _search_calls, 1e-8),
+    Pair(_found(search_frames), _found(search_frames_numpy), _frame_calls, 1e-8),
     Pair(update_space, update_space_numpy, _space_calls, 1e-8),
     Pair(update_planar, update_planar_numpy, _planar_calls, 1e-8),
     Pair(pose_covariance, pose_covariance_numpy, _covariance_calls, 1e-9),

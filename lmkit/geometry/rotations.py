@@ -17,10 +17,15 @@ def is_rotation(R: FloatArray, tolerance: float = 1e-6) -> bool:
     In plain numbers: every pose is checked, and numpy takes ten times as long for so few.
     """
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
-    lengths = (a * a + b * b + c * c - 1, d * d + e * e + f * f - 1, g * g + h * h + i * i - 1)
-    angles = (a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i)
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return all(-tolerance <= off <= tolerance for off in (*lengths, *angles)) and determinant > 0
+    return bool(
+        abs(a * a + b * b + c * c - 1) <= tolerance
+        and abs(d * d + e * e + f * f - 1) <= tolerance
+        and abs(g * g + h * h + i * i - 1) <= tolerance
+        and abs(a * d + b * e + c * f) <= tolerance
+        and abs(a * g + b * h + c * i) <= tolerance
+        and abs(d * g + e * h + f * i) <= tolerance
+        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+    )
 
 
 def skew(v: FloatArray) -> FloatArray:

@@ -1,13 +1,7 @@
 /* The poses that the corners of landmarks allow, and the covariance of one.  pose_search.py holds the definition. */
 #include <stddef.h>
 
-#include "pose_fit.h"
-
-/* Settings; the fields are those of `Search` in pose_search.py. */
-typedef struct {
-    double gate_share, limit, listed_below, least_trace, same_place_squared, converged, most_damping;
-    int64_t towards_near, to_the_end, rounds;
-} Search;
+#include "pose_search.h"
 
 /* Everything about the hypotheses, each in its own slot; `rows` lists the slots that are still in the race. */
 typedef struct {
@@ -20,12 +14,6 @@ typedef struct {
 } Race;
 
 int lmkit_square_poses(int64_t count, const double *rays, const double *sizes, double *R, double *t, double *errors);
-LMKIT_EXPORT int lmkit_search_poses(const Corners *seen, const Prior *prior, const Search *search, const int64_t *of,
-                                    const double *side_px, double *R, double *p, double *misfits, double *pixels,
-                                    double *cost, uint8_t *used, uint8_t *before, int64_t *own, int64_t *rows,
-                                    int64_t *found);
-LMKIT_EXPORT int lmkit_pose_covariance(const Corners *seen, const Prior *prior, const double *R, const double *p,
-                                       const uint8_t *used, double *covariance);
 
 /* T_map_rig (R, p) from T_camera_landmark, for the camera of a observation and the landmark with these corners. */
 static void place_rig(const Corners *seen, int64_t s, double size, const double *R_eye, const double *t_eye,

@@ -122,14 +122,14 @@ def possible_poses(seen: Sequence[Sequence[Detection]], rig: AnyRig, landmarks: 
     corners = Correspondences.of_rig(seen, rig, landmarks, options.corner_floor_px)
     if not len(corners):
         return []
-    search = _search(options.outlier_sigma, options.gate_share)
+    search = pose_search(options.outlier_sigma, options.gate_share)
     poses, chi2, cost = corners.search(search, None)
     inliers: BoolArray = chi2[0] < search.limit if len(poses) else np.zeros(len(corners), dtype=bool)
     if not inliers.all():
         estimate = locate_rig(seen, rig, landmarks, options)
         best = [] if estimate.T_map_camera is None else [estimate.T_map_camera]
         return best + [pose for pose, _ in estimate.alternatives]
-    return [poses.pose(k) for k in (0, *_listed((cost - cost[0]).tolist()))]
+    return [poses.pose(k) for k in (0, *listed_poses((cost - cost[0]).tolist()))]
 
 
 def locate_camera(
@@ -152,7 +152,7 @@ def _locate(
     seen = Correspondences(cameras, landmarks, options.corner_floor_px)
     if not len(seen):
         return PoseEstimate(PoseStatus.NO_LANDMARKS, outliers=tuple(sorted(seen.twice))), frozenset()
-    search = _search(options.outlier_sigma, options.gate_share)
+    search = pose_search(options.outlier_sigma, options.gate_share)
     poses, chi2, cost = seen.search(search, options.prior)
     if not len(poses):
         everything = tuple(sorted({*seen.ids, *seen.twice}))
@@ -178,19 +178,20 @@ def _locate(
         covariance=covariance,
         inliers=tuple(sorted(explained)),
         outliers=tuple(sorted((ids - explained) | seen.twice)),
-        alternatives=tuple((poses.pose(k), ratios[k]) for k in _listed(ratios)),
+        alternatives=tuple((poses.pose(k), ratios[k]) for k in listed_poses(ratios)),
         reprojection_error_px=math.sqrt(2 * float(pixels @ pixels) / len(pixels)),
     )
     return estimate, frozenset()
 
 
-def _listed(ratios: Sequence[float]) -> list[int]:
+def listed_poses(ratios: Sequence[float]) -> list[int]:
     """Numbers of the alternatives to list, of the log likelihood ratios of all poses."""
     return [k for k in range(1, min(len(ratios), 1 + MOST_LISTED)) if ratios[k] < LISTED_BELOW]
 
 
 @lru_cache(maxsize=8)
-def _search(outlier_sigma: float, gate_share: float) -> Search:
+def pose_search(outlier_sigma: float, gate_share: float) -> Search:
+    """Settings of the search."""
     return Search(
         gate_share,
         8 * outlier_sigma**2,

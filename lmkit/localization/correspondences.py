@@ -23,7 +23,7 @@ from lmkit.kernels.reprojection import (
     refine_poses,
 )
 from lmkit.localization.pose_prior import PosePrior
-from lmkit.localization.reprojection import through_lenses
+from lmkit.localization.reprojection import sides_px, through_lenses
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.observation import Detection
@@ -33,7 +33,6 @@ CORNER_FLOOR_PX = 0.06
 # T_camera_left of the left camera itself.
 NO_TURN, NO_SHIFT = np.eye(3), np.zeros(3)
 TINY = 1e-12  # px^2
-NEXT = [1, 2, 3, 0]  # corner that follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +147,7 @@ class Correspondences:
     @property
     def side_px(self) -> FloatArray:
         """(S,) mean side in the image; needed for a search, not for an update."""
-        steps = self.observed[:, NEXT] - self.observed
-        return np.asarray(np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1) / 4)
+        return sides_px(self.observed)
 
     def ids_of(self, rows: BoolArray) -> set[LandmarkId]:
         """The landmarks of some observations, given as a mask (S,)."""

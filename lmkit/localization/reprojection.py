@@ -18,6 +18,7 @@ from lmkit.kernels.lens import Lens, corners_through_lenses
 from lmkit.model.observation import Detection
 
 UNKNOWN = np.zeros((8, 8))  # covariance of corners without one
+NEXT = [1, 2, 3, 0]  # corner that follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,12 @@ def through_lenses(
     return CameraCorrespondences(
         kept.tolist(), corners[kept], rays[kept], by_ray[kept], whitener[kept], variances[kept]
     )
+
+
+def sides_px(corners: FloatArray) -> FloatArray:
+    """(S,) mean sides in the image of corners (S,4,2) in pixels."""
+    steps = corners[:, NEXT] - corners
+    return np.asarray(np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1) / 4)
 
 
 @lru_cache(maxsize=16)

@@ -20,9 +20,10 @@ from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rotations import orthonormal, rotation_angle
 from lmkit.localization.absolute_pose import LocateOptions, locate_rig
 from lmkit.localization.correspondences import CORNER_FLOOR_PX, Correspondences
+from lmkit.localization.many_frames import locate_frames
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.landmark_initialization import CAP, SURE_RATIO, Placing
-from lmkit.mapping.observation_arrays import RecordedObservations
+from lmkit.mapping.recorded_observations import RecordedObservations
 from lmkit.mapping.wall_constraints import LandmarkConstraint
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
@@ -75,20 +76,22 @@ class Start:
         landmarks_fixed: bool = False,
     ) -> BundleProblem:
         """Bundle adjustment of the frames that have a pose, and of the landmarks that they observe."""
-        posed = [(k, pose) for k, pose in enumerate(self.poses) if pose is not None]
-        some = [frames[k] for k, _ in posed]
-        seen = {o.id for frame in some for o in frame.detections}
-        mapped, recorded = [m for key, m in self.placed.items() if key in seen], self.recorded
+        rows, recorded = self.rows, self.recorded
+        some = [frames[k] for k in rows]
+        if recorded is not None and not recorded.are_of(frames, rig):
+            recorded = None
+        seen = recorded.ids_in(rows) if recorded else {o.id for frame in some for o in frame.detections}
+        mapped = [m for key, m in self.placed.items() if key in seen]
         return BundleProblem(
             some,
             rig,
-            PoseArray.from_poses("map", "left", [pose for _, pose in posed]),
+            PoseArray.from_poses("map", "left", [pose for pose in self.poses if pose is not None]),
             LandmarkMap(mapped),
             self.anchors,
             motion,
             landmarks_fixed,
             constraints,
-            recorded.only(self.rows, [m.id for m in mapped]) if recorded and recorded.are_of(frames, rig) else None,
+            recorded.only(rows, [m.id for m in mapped]) if recorded else None,
         )
 
 
@@ -115,7 +118,8 @@ def find_start(
                 "no_base", "odometry moves the robot's base, and the rig has no T_base_left", "add it to the rig file"
             )
         motion.require_overlap(np.array([frame.time_s for frame in frames]))
-    placing = Placing(frames, rig, sizes_m)
+    recorded = RecordedObservations(frames, rig)
+    placing = Placing(frames, rig, sizes_m, recorded)
     if not anchors:
         best = placing.best_seen()
         mapped = MappedLandmark(best, sizes_m[best], wall_pose([0.0, 0.0, 0.0], 0.0))
@@ -126,7 +130,7 @@ def find_start(
             "none of the known landmarks is seen in the recording",
             "give known landmarks that are in the images",
         )
-    search = _Search(frames, rig, anchors, placing, motion)
+    search = _Search(frames, rig, anchors, placing, recorded, motion)
     search.run()
     reckoned = ReckonedPoses(search.poses, search.path)
     poses = [pose or (c.pose if (c := reckoned[k]) else None) for k, pose in enumerate(search.poses)]
@@ -148,14 +152,13 @@ class _Search:
     rig: AnyRig
     anchors: Mapping[LandmarkId, Anchor]
     placing: Placing
+    recorded: RecordedObservations
     motion: Motion | None
     poses: list[Pose | None] = field(init=False)
     placed: dict[LandmarkId, MappedLandmark] = field(init=False)
-    recorded: RecordedObservations = field(init=False)
     tries: dict[int, int] = field(default_factory=dict)  # placed landmarks of a frame when it last failed
 
     def __post_init__(self) -> None:
-        self.recorded = RecordedObservations(self.frames, self.rig)
         self.poses = [None] * len(self.frames)
         self.placed = {key: anchor.landmark for key, anchor in self.anchors.items()}
         times = np.array([frame.time_s for frame in self.frames])
@@ -180,15 +183,11 @@ class _Search:
 
     def place_more(self, reckoned: ReckonedPoses, least: int) -> int:
         """Place landmarks on which enough views agree."""
-        news = 0
-        for key in sorted(self.placing.wanted - self.placed.keys()):
-            landmark = self.placing.place(key, self.poses, reckoned, least)
-            if landmark is not None:
-                self.placed[key] = landmark
-                news += 1
-        if news:
+        placed = self.placing.place(sorted(self.placing.wanted - self.placed.keys()), self.poses, reckoned, least)
+        self.placed.update(placed)
+        if placed:
             self.optimize()
-        return news
+        return len(placed)
 
     def optimize(self) -> None:
         """A few steps of bundle adjustment, so that errors do not accumulate over rounds."""
@@ -207,30 +206,43 @@ class _Search:
         """Locate frames with placed landmarks; frames that failed are tried again when more of theirs are placed."""
         landmarks, news = self.map_so_far(), 0
         reckoned = ReckonedPoses(self.poses, self.path)
-        for k, frame in enumerate(self.frames):
-            if self.poses[k] is not None:
-                continue
-            known = len({o.id for o in frame.detections} & self.placed.keys())
-            # Again only when clearly more of its landmarks are placed.
-            if known == 0 or known < RETRY * self.tries.get(k, 0):
-                continue
-            self.tries[k] = known
+        known = self.recorded.shown[:, self.recorded.numbers(self.placed)].sum(axis=1).tolist()
+        # Again only when clearly more of its landmarks are placed.
+        rows = [
+            k
+            for k, pose in enumerate(self.poses)
+            if pose is None and known[k] and known[k] >= RETRY * self.tries.get(k, 0)
+        ]
+        self.tries.update((k, known[k]) for k in rows)
+        located = self.located(rows)
+        for k in rows:
             guess = self.beside_a_neighbor(k)
-            refined = None if guess is None else _refined(guess, frame, self.rig, landmarks)
+            refined = None if guess is None else _refined(guess, self.frames[k], self.rig, landmarks)
             if refined is not None:
                 pose, sure = refined
                 self.poses[k] = pose if sure else None
             else:
-                found = locate_rig(frame.seen, self.rig, landmarks, PLACING)
-                at = reckoned[k]
-                if (
-                    found.status == PoseStatus.OK
-                    and found.T_map_camera is not None
-                    and (at is None or at.allows(found.T_map_camera))
-                ):
-                    self.poses[k] = found.T_map_camera
+                found, at = located.get(k), reckoned[k]
+                if found is not None and (at is None or at.allows(found)):
+                    self.poses[k] = found
             news += self.poses[k] is not None
         return news
+
+    def located(self, rows: Sequence[int]) -> dict[int, Pose]:
+        """Unambiguous and precise poses of some frames by the placed landmarks, each frame on its own."""
+        recorded = self.recorded
+        seen = recorded.rows_in(rows, self.placed)
+        corners = recorded.corners(seen, {key: m.corners_map for key, m in self.placed.items()})
+        at, of = recorded.arrays.at[seen], recorded.arrays.of[seen]
+        starts = np.searchsorted(at, [*rows, len(self.frames)])
+        camera, side_px = recorded.arrays.camera[seen], recorded.side_px[seen]
+        found = locate_frames(corners, starts, of, camera, side_px, PLACING)
+        poses = {k: found.pose(row) for row, k in enumerate(rows) if found.is_sure[row]}
+        for row in np.flatnonzero(found.needs_retry).tolist():
+            estimate = locate_rig(self.frames[rows[row]].seen, self.rig, self.map_so_far(), PLACING)
+            if estimate.status == PoseStatus.OK and estimate.T_map_camera is not None:
+                poses[rows[row]] = estimate.T_map_camera
+        return poses
 
     def beside_a_neighbor(self, k: int) -> ReckonedPose | None:
         """Pose by dead reckoning from a located neighbor in time; None if none is near."""

@@ -46,39 +46,46 @@ class ObservationArrays:
     @classmethod
     def collect(cls, frames: Sequence[RigFrame], rig: AnyRig, ids: Sequence[LandmarkId]) -> ObservationArrays:
         """Observations of these landmarks as arrays; others are omitted."""
+        return cls.collect_with_detections(frames, rig, ids)[0]
+
+    @classmethod
+    def collect_with_detections(
+        cls, frames: Sequence[RigFrame], rig: AnyRig, ids: Sequence[LandmarkId]
+    ) -> tuple[ObservationArrays, list[Detection]]:
+        """Observations as arrays, and the detections in the same order: by frame, then by camera."""
         index = {id_: k for k, id_ in enumerate(ids)}
         cameras = mounted_cameras(rig)
         mounted = [(camera.T_camera_left, which) for which, camera in enumerate(cameras)]
         rows: list[tuple[int, int, int]] = []
+        detections: list[Detection] = []
         parts: list[tuple[FloatArray, ...]] = []
         for which, camera in enumerate(cameras):
             mount = which
-            listed: list[tuple[Detection, tuple[int, int, int]]] = []
+            listed: list[Detection] = []
+            own: list[tuple[int, int, int]] = []
             for at, frame in enumerate(frames):
                 if frame.carried:
                     mount = len(mounted)
                     mounted.append((camera.T_camera_left @ frame.carried[which].inverse(), which))
-                listed += [(o, (at, of, mount)) for o in frame.seen[which] if (of := index.get(o.id)) is not None]
-            seen = through_lens([o for o, _ in listed], camera.model, CORNER_FLOOR_PX)
-            rows += [listed[k][1] for k in seen.kept]
+                for o in frame.seen[which]:
+                    of = index.get(o.id)
+                    if of is not None:
+                        listed.append(o)
+                        own.append((at, of, mount))
+            seen = through_lens(listed, camera.model, CORNER_FLOOR_PX)
+            rows += [own[k] for k in seen.kept]
+            detections += [listed[k] for k in seen.kept]
             parts.append((seen.rays, seen.by_ray, seen.whitener))
         table = np.array(rows, dtype=np.int64).reshape(-1, 3)
         # Frame by frame: sums over them then stay in the processor's cache.
         order = np.argsort(table[:, 0], kind="stable")
         rays, by_ray, whitener = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
-        at, of, mount = np.ascontiguousarray(table[order].T)
-        poses = [T for T, _ in mounted]
-        return cls(
-            at,
-            of,
-            rays,
-            by_ray,
-            whitener,
-            mount,
-            np.array([T.R for T in poses]),
-            np.array([T.t for T in poses]),
-            np.array([which for _, which in mounted]),
+        at_frame, of_landmark, by_mount = np.ascontiguousarray(table[order].T)
+        R, t = np.array([T.R for T, _ in mounted]), np.array([T.t for T, _ in mounted])
+        arrays = cls(
+            at_frame, of_landmark, rays, by_ray, whitener, by_mount, R, t, np.array([which for _, which in mounted])
         )
+        return arrays, [detections[k] for k in order.tolist()]
 
     def only(self, frames: Sequence[int], landmarks: Sequence[int]) -> ObservationArrays:
         """Observations in some frames of some landmarks, both renumbered in the given order."""
@@ -160,23 +167,6 @@ class StoredObservations:
         with np.load(self.path) as arrays:
             seen = ObservationArrays(*(arrays[name] for name in ObservationArrays.__dataclass_fields__))
         return seen.bundle(poses, landmarks, arms, relations)
-
-
-class RecordedObservations:
-    """All observations of a recording as arrays; bundle adjustments of parts of it use subsets."""
-
-    def __init__(self, frames: Sequence[RigFrame], rig: AnyRig) -> None:
-        ids = sorted({o.id for frame in frames for o in frame.detections})
-        self._of, self._number = (frames, rig), {id_: k for k, id_ in enumerate(ids)}
-        self._all = ObservationArrays.collect(frames, rig, ids)
-
-    def are_of(self, frames: Sequence[RigFrame], rig: AnyRig) -> bool:
-        """Whether the observations are from this recording."""
-        return self._of[0] is frames and self._of[1] is rig
-
-    def only(self, frames: Sequence[int], ids: Sequence[LandmarkId]) -> ObservationArrays:
-        """Observations in these frames of these landmarks, which the recording has."""
-        return self._all.only(frames, [self._number[id_] for id_ in ids])
 
 
 def _renumbered(numbers: IntArray, kept: Sequence[int]) -> IntArray:
