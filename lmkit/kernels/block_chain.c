@@ -1,5 +1,5 @@
-/* Block tridiagonal matrices: Cholesky factor, substitution, and the columns that a piece of a chain has to do with;
- * and sums into the rows and columns of a large matrix.  block_chain.py holds the definition. */
+/* Block tridiagonal matrices: Cholesky factor, substitution, the shared columns that a piece of a chain touches, and
+ * sums into rows and columns of a large matrix.  block_chain.py holds the definition. */
 #include <math.h>
 
 #include "kernels.h"
@@ -40,7 +40,7 @@ int lmkit_subtract_piece(int64_t size, int64_t inner, int64_t wide, int64_t coun
     return 0;
 }
 
-/* Row i of the factor is stored from the first column of the block before its own: 2 size numbers. */
+/* Row i of the factor has 2 size numbers; it is stored from the first column of the previous block on. */
 int lmkit_factor_chain(int64_t count, int64_t size, const double *restrict diagonal, const double *restrict following,
                        double *restrict factor) {
     const int64_t band = 2 * size;
@@ -49,7 +49,7 @@ int lmkit_factor_chain(int64_t count, int64_t size, const double *restrict diago
             double *row = factor + band * (size * block + i);
             for (int64_t j = 0; j < band; j++) row[j] = 0;
             for (int64_t j = block ? 0 : size; j <= size + i; j++) {
-                /* Columns below size are those of the block before, whose rows start a block earlier. */
+                /* Columns below size belong to the previous block, whose rows start a block earlier. */
                 const int before = j < size;
                 const double *other = factor + band * (size * (block - before) + (before ? j : j - size));
                 double sum = before ? following[size * (size * (block - 1) + j) + i]

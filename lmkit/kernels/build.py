@@ -21,10 +21,10 @@ LOG = "build-failure.txt"  # why no library was built, for `lmkit doctor`
 ZIGLANG = "ziglang>=0.13"
 ZIGLANG_MACHINES = {"x86_64", "amd64", "arm64", "aarch64"}
 
-# No -ffast-math: NaN must stay NaN, and a sum keeps its order, so that a library gives the same bits in every run.
-# errno and floating-point traps are not used; without them sqrt, floor and selections become vector instructions.
-# No contraction to fused multiply-add, which not every processor has: variants give the same bits, for 5 % more time.
-# -fopenmp-simd vectorizes the loops marked `#pragma omp simd`; no OpenMP runtime is linked and no thread started.
+# No -ffast-math: NaN must stay NaN, and sums keep their order, so that a library gives the same bits in every run.
+# Without errno and floating-point traps, sqrt, floor and selections become vector instructions.
+# No fused multiply-add, because not every processor has it: all variants give the same bits, in 5 % more time.
+# -fopenmp-simd vectorizes the loops marked `#pragma omp simd`; no OpenMP runtime is linked, and no thread is started.
 FLAGS = ["-std=c11", "-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-fopenmp-simd"]
 _X86_V2 = ["-mssse3", "-msse4.1", "-msse4.2", "-mpopcnt", "-mcx16"]
 _X86_V3 = [*_X86_V2, "-mavx", "-mavx2", "-mfma", "-mf16c", "-mbmi", "-mbmi2", "-mlzcnt", "-mmovbe"]
@@ -34,7 +34,7 @@ VARIANT_FLAGS = {"v2": _X86_V2, "v3": _X86_V3, "v4": _X86_V4}
 
 
 class BuildError(Exception):
-    """No library was built; the message says why in one line."""
+    """No library was built; the message states the reason in one line."""
 
 
 @dataclass(frozen=True)
@@ -113,20 +113,20 @@ def compilers() -> Iterator[Compiler]:
 
 
 def has_ziglang() -> bool:
-    """True where the package is installed."""
+    """True if the package ``ziglang`` is installed."""
     import importlib.util
 
     return importlib.util.find_spec("ziglang") is not None
 
 
 def needs_ziglang() -> bool:
-    """True where no compiler of the system works and ``ziglang`` has a wheel for this machine."""
+    """True if no compiler of the system works and ``ziglang`` has a wheel for this machine."""
     has_wheel = platform.machine().lower() in ZIGLANG_MACHINES and sys.platform in {"linux", "darwin", "win32"}
     return has_wheel and not any(map(_works, _system_compilers()))
 
 
 def build_native(folder: Path = HERE) -> Path:
-    """Compile for this very machine, in place; libraries of older sources are removed.
+    """Compile for this machine, in place, and remove libraries of older sources.
 
     Raises:
         BuildError: no compiler works; the folder then holds the reason for `lmkit doctor`.
@@ -206,14 +206,14 @@ def _compile(
     if target.system != "windows":
         common.append("-fPIC")
     if compiler.is_zig:
-        # Zig adds undefined-behavior traps by itself, and builds for this very processor by default.
+        # By default, zig adds traps for undefined behavior and builds for the processor of this machine.
         common += ["-fno-sanitize=undefined", "-g0", *(["-target", target.zig] if target.zig else [])]
         flags = flags or ["-mcpu=baseline"]
     with tempfile.TemporaryDirectory(prefix="lmkit-kernels-") as name:
         temporary = Path(name)
 
         def compile_one(path: Path) -> str:
-            # What asks the processor for its features must itself run on any: cpu.c gets no variant's flags.
+            # cpu.c queries the processor's features, so it must run on every processor: no flags of a variant.
             baseline = ["-mcpu=baseline"] if compiler.is_zig else []
             own = [*(baseline if path.name == "cpu.c" else flags)]
             out = temporary / f"{path.stem}.o"
@@ -277,7 +277,7 @@ def _has_command_line_tools() -> bool:
 
 
 def _works(compiler: Compiler) -> bool:
-    """True where it compiles and links a library that calls the mathematics library."""
+    """True if the compiler builds a library that calls the mathematics library."""
     import tempfile
 
     with tempfile.TemporaryDirectory(prefix="lmkit-kernels-") as name:
@@ -300,7 +300,7 @@ def _try_write(path: Path, text: str) -> None:
 def _try_remove(path: Path) -> None:
     import contextlib
 
-    # A library in use cannot be removed on Windows; its name says that it is old.
+    # Windows cannot remove a library in use; the digest in its name marks it as outdated.
     with contextlib.suppress(OSError):
         path.unlink(missing_ok=True)
 

@@ -1,5 +1,4 @@
-/* Every code of a family of cells against one square: what its black and white leave unexplained.
- * cell_codes.py holds the definition. */
+/* Unexplained energy of one square under every code of a family of cells.  cell_codes.py holds the definition. */
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
@@ -12,15 +11,15 @@
 #define COLUMNS (MAX_CELLS + 2) /* cells, border, margin */
 #define BYTES (MAX_CELLS / 8)
 
-/* Products of the columns with each other and with the values, freed of the surroundings. */
+/* Products of the columns with each other and with the values, after the surroundings are eliminated. */
 typedef struct {
     int cells;
     double G[COLUMNS][COLUMNS], S[COLUMNS][3], total[COLUMNS], energy, weight, all;
 } Sums;
 
-/* words (rows), bit k set where cell k is white; moments (K+6,K+6) as grid_moments gives them; scratch: 2 rows floats.
- * out: row, what it and the next leave, what a plain inside leaves, weight, inks (2,3), cells (K).  Returns 1 where
- * white would be darker than black. */
+/* words (rows), bit k set where cell k is white; moments (K+6,K+6) as grid_moments gives them; scratch: 2 rows
+ * floats.  out: row of the best code, unexplained energy of this and of the next code and of a plain inside, weight,
+ * inks (2,3), cells (K).  Returns 1 if white would be darker than black. */
 LMKIT_EXPORT int lmkit_cell_codes(int64_t cells, int64_t rows, int64_t shortlist, double ridge, const uint64_t *words,
                                   const double *moments, float *scratch, double *out);
 
@@ -51,8 +50,8 @@ static void free_of_surroundings(int K, const double *moments, Sums *s)
         s->all += s->total[k];
 }
 
-/* What cells leave unexplained whose sums with themselves, all cells, border, margin and values are these; infinite
- * where white is darker. */
+/* Unexplained energy for a set of white cells, from its sums with itself, all cells, border, margin and values;
+ * infinite if white would be darker than black. */
 static double left_by(const Sums *s, double square, double by_total, double by_border, double by_margin,
                       const double *seen, double *inks)
 {
@@ -109,7 +108,7 @@ static double left_by_gray(const Sums *s, double *inks)
     return left_by(s, 0.25 * s->all, 0.5 * s->all, by_border, by_margin, seen, inks);
 }
 
-/* Every cell on its own, given the inks. */
+/* Brightness of every cell by itself, given the inks. */
 static void solve_cells(const Sums *s, const double *L, double ridge, const double *inks, double *cells)
 {
     const int K = s->cells;
@@ -124,7 +123,7 @@ static void solve_cells(const Sums *s, const double *L, double ridge, const doub
     solve_upper(L, K, cells);
 }
 
-/* How like the cells every word is: the sum over its white cells, by bytes of the word. */
+/* Distance of every word from the cells: minus the sum over its white cells, looked up by bytes of the word. */
 static void liken(int K, int64_t rows, const uint64_t *words, const double *cells, float *alike)
 {
     float by_byte[BYTES][256];

@@ -1,4 +1,5 @@
-/* How much better a code explains a landmark than another one behind an object does: covering.py holds the definition. */
+/* Covering margin: how much better a code explains a landmark than another code behind an object.  covering.py holds
+ * the definition. */
 #ifndef LMKIT_COVERING_H
 #define LMKIT_COVERING_H
 
@@ -16,7 +17,7 @@
 
 typedef double CoveringCells[CELLS][CELLS][COVERING_SUMS];
 
-/* Sets of gaps in which other codes differ, without those that hold a smaller one; kept has room for all codes. */
+/* Sets of gaps in which other codes differ, without those that contain a smaller set; kept has room for all codes. */
 static inline int smallest_differences(int gaps, uint32_t open, const int32_t *masks, int64_t codes, uint32_t *kept)
 {
     int count = 0;
@@ -34,7 +35,7 @@ static inline int smallest_differences(int gaps, uint32_t open, const int32_t *m
     return count;
 }
 
-/* The least evidence for the code where what an object hides, `hidden` (gaps), says nothing. */
+/* The least evidence for the code, without the evidence that an object hides (`hidden`, for every gap). */
 static inline double evidence_outside(int gaps, const double *total, const double *hidden, const uint32_t *differ, int count, double nothing)
 {
     double outside[MAX_GAPS], least = nothing;
@@ -49,7 +50,7 @@ static inline double evidence_outside(int gaps, const double *total, const doubl
     return least;
 }
 
-/* One grid: `most` is what the best object gains, `other` what the best other code with an object loses. */
+/* One grid: `most` is the gain of the best object, `other` the loss of the best other code with an object. */
 static inline void covering_rectangles(int gaps, CoveringCells cells, const OcclusionRules *rules, double price, const double *total, const uint32_t *differ, int count, double nothing, double *most, double *other)
 {
     const int sums = SUMS + gaps;
@@ -66,7 +67,7 @@ static inline void covering_rectangles(int gaps, CoveringCells cells, const Occl
                     strip[j][k] = above[low][j][k] - above[top][j][k];
             for (int left = 0; left < CELLS; left++)
                 for (int right = left + 1; right < EDGES; right++) {
-                    /* No object gains more than all that the landmark leaves unexplained. */
+                    /* The gain of an object is at most the whole unexplained chi2. */
                     const double unexplained = strip[right][5] - strip[left][5];
                     if (unexplained <= *most && price - unexplained >= *other)
                         continue;

@@ -1,5 +1,5 @@
-/* Bits for the instruction sets that compilers use on their own; the same in cpu.c (what the processor has) and
- * built.c (what the library was compiled for). */
+/* Bits for the instruction sets that compilers use without being asked; the same in cpu.c (sets of the processor) and
+ * built.c (sets that the library was compiled for). */
 #ifndef LMKIT_CPU_FEATURES_H
 #define LMKIT_CPU_FEATURES_H
 
@@ -27,7 +27,7 @@ enum {
     HAS_AVX512FP16 = 1 << 20,
     HAS_AVX512BF16 = 1 << 21,
     HAS_AVXVNNI = 1 << 22,
-    HAS_SVE = 1 << 23, /* arm64: not asked for at run time, so such a library is refused elsewhere */
+    HAS_SVE = 1 << 23, /* arm64: not queried at run time, so such a library is refused on other processors */
     HAS_DOTPROD = 1 << 24
 };
 

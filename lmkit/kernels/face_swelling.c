@@ -1,5 +1,5 @@
-/* How much too large each face seems, along its width and along its height: the part of observations in the equations.
- * face_swelling.py holds the definition. */
+/* Swelling of faces (how much too large a face appears, along width and height): the part of the normal equations
+ * that comes from the observations.  face_swelling.py holds the definition. */
 #include <stddef.h>
 
 #include "kernels.h"
@@ -17,11 +17,11 @@ typedef struct {
 LMKIT_EXPORT int lmkit_outward(const Bundle *bundle, double *shifts);
 LMKIT_EXPORT int lmkit_face_equations(const Bundle *bundle, const double *weights, const Faces *faces);
 
-/* Ways along which corners stand too far out: they start at the top left and run with the clock. */
+/* Directions in which corners are displaced outward; corners start at the top left and run clockwise. */
 static const double SIGNS[SWELLING][4] = {{-1, 1, 1, -1}, {-1, -1, 1, 1}};
 
-/* How the rays of an observation's corners change, in rows of `wide` numbers, if they stand 1 px farther out on the way
- * between `rays`. */
+/* Derivative of the rays of an observation's corners, in rows of `wide` numbers, with an outward displacement of 1 px
+ * along the directions between `rays`. */
 static void outward_of(const double *rays, const double *B, double *shifts, int wide) {
     for (int k = 0; k < SWELLING; k++) {
         double way[2] = {0, 0};
@@ -33,7 +33,7 @@ static void outward_of(const double *rays, const double *B, double *shifts, int 
             const double *A = B + 4 * c, u = way[0] / length * SIGNS[k][c], v = way[1] / length * SIGNS[k][c];
             const double determinant = A[0] * A[3] - A[1] * A[2];
             const double x = (A[3] * u - A[1] * v) / determinant, y = (A[0] * v - A[2] * u) / determinant;
-            /* A face without width or height has no outside. */
+            /* A face without width or height has no outward direction. */
             shifts[2 * wide * c + k] = isfinite(x) ? x : 0;
             shifts[2 * wide * c + wide + k] = isfinite(y) ? y : 0;
         }
@@ -54,13 +54,14 @@ static void add_columns(const double *A, int rows, double *X) {
 
 int lmkit_face_equations(const Bundle *b, const double *weights, const Faces *faces) {
     for (int64_t s = 0; s < b->count; s++) {
-        /* Those that do not count may be beyond all measure. */
+        /* Observations that are not used may have infinite errors. */
         if (!(weights[s] > 0)) continue;
         const int64_t pose = b->at[s], landmark = b->of[s], camera = faces->camera ? faces->camera[s] : 0;
         double raw[64], block[64], M[9], expected[8], shifts[64] = {0}, G[64], whole[64] = {0}, pulls[64] = {0}, X[64] = {0};
         errors_of(b, s, 1, raw, M);
         times8(b->whitener + 64 * s, raw, block);
-        /* The way between observed corners turns with their errors, which would pull outward with no swelling at all. */
+        /* Directions between expected corners: those between observed corners turn with the errors, and the errors
+         * would then seem to be a swelling. */
         for (int i = 0; i < 8; i++) expected[i] = b->rays[8 * s + i] - raw[WIDE * i + 6];
         outward_of(expected, b->by_ray + 16 * s, shifts, WIDE);
         times8(b->whitener + 64 * s, shifts, G);

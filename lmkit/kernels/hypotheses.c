@@ -1,5 +1,5 @@
-/* Decoding of a registered pattern: the likeliest code and quarter turn, its inks, every white part on its own, and
- * whether something stands before it.  hypotheses.py holds the definition. */
+/* Decoding of a registered pattern: the likeliest code and quarter turn, its inks, every white part by itself, and
+ * tests for an object in front of it.  hypotheses.py holds the definition. */
 #include <stddef.h>
 
 #include "hypotheses.h"
@@ -9,7 +9,7 @@
 #include "occlusion.h"
 #include "plane.h"
 
-#define HEAD 18 /* turn, code, four energies left, inks */
+#define HEAD 18 /* turn, code, four unexplained energies, inks */
 #define MAX_ROWS (MAX_COLUMNS + 3)
 
 /* rules: ridge, ridge of the parts, then those of the occlusion. */

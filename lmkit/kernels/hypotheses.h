@@ -150,7 +150,8 @@ static inline int best_hypothesis(int gaps, const double *gram, const double *se
     return best >= 0.0;
 }
 
-/* Of one number for every column (every `stride` doubles), those of white, red, blue and surroundings in a hypothesis. */
+/* Sums of one number for every column (every `stride` doubles) over white, red, blue and surroundings of a
+ * hypothesis. */
 static inline void sum_of_inks(int gaps, const double *columns, int64_t stride, int turn, uint32_t open, double *inks)
 {
     double parts = columns[4 * stride] + columns[(5 + turn) * stride];

@@ -32,8 +32,9 @@ int lmkit_bundle_chi2(const Bundle *b, double *chi2, double *pixels) {
     return 0;
 }
 
-/* What a camera's observations at one pose say of the camera itself.  A camera that has moved in the rig sees what it
- * would see had the rig moved the other way, so A, the sum for the pose (derivatives and error), says it all. */
+/* Normal equations of a camera's place in the rig, from its observations at one pose.  A camera that is moved in the
+ * rig sees the same as if the rig were moved the other way, so they follow from A, the sum for the pose (derivatives
+ * and error). */
 static void add_relation(const Sums *sums, int64_t pose, int64_t camera, const double *R, const double *A) {
     const int64_t m = sums->shared, column = sums->cameras + 6 * (camera - 1);
     double C[64], by_camera[36], own[36];
@@ -51,7 +52,8 @@ static void add_relation(const Sums *sums, int64_t pose, int64_t camera, const d
     }
 }
 
-/* What one observation says of its landmark: A is its sum for the pose (derivatives and error). */
+/* Normal equations of the landmark of one observation; A is the observation's sum for the pose (derivatives and
+ * error). */
 static void add_landmark(const Bundle *b, const Sums *sums, int64_t s, int64_t camera, const double *R, const double *A) {
     const double *center = b->p_landmark + 3 * b->of[s], *p = b->p + 3 * b->at[s];
     const double d[3] = {center[0] - p[0], center[1] - p[1], center[2] - p[2]};
@@ -84,7 +86,7 @@ int lmkit_bundle_equations(const Bundle *b, const uint8_t *used, double cauchy, 
                            double *cost) {
     double total = 0;
     for (int64_t s = 0; s < b->count;) {
-        /* A mounted camera's observations at one pose, one after the other. */
+        /* The observations of one camera of the rig at one pose. */
         const int64_t pose = b->at[s], mount = b->mount[s], camera = sums->camera ? sums->camera[s] : 0;
         double whole[64] = {0}, M[9];
         int any = 0;

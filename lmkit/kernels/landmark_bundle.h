@@ -1,4 +1,4 @@
-/* Observations of a recording and where all stands, and how what is said of a pose is said of the others. */
+/* Observations and poses of a recording, and how equations of landmarks and cameras follow from those of a pose. */
 #ifndef LMKIT_LANDMARK_BUNDLE_H
 #define LMKIT_LANDMARK_BUNDLE_H
 
@@ -6,7 +6,7 @@
 
 #include "reprojection.h"
 
-/* Observations and where everything stands; the fields are those of `Bundle` in landmark_bundle.py. */
+/* Observations and poses; the fields are those of `Bundle` in landmark_bundle.py. */
 typedef struct {
     int64_t count;
     const int64_t *at, *of, *mount;
@@ -39,7 +39,8 @@ static void errors_of(const Bundle *b, int64_t s, int derivatives, double *block
                   derivatives, block, NULL);
 }
 
-/* X (6,columns) = blockdiag(-R, -R) A, rows of A and X `wide` numbers long: what turns with a camera, from the map. */
+/* X (6,columns) = blockdiag(-R, -R) A, rows of A and X `wide` numbers long: from axes of the map to those of a
+ * camera. */
 static void into_camera(const double *R, const double *A, int wide, int columns, double *X) {
     for (int half = 0; half < 6; half += 3)
         for (int i = 0; i < 3; i++)
@@ -48,7 +49,8 @@ static void into_camera(const double *R, const double *A, int wide, int columns,
                                              R[3 * i + 2] * A[wide * (half + 2) + j]);
 }
 
-/* X (3,WIDE) = A x d, column by column: what is left of a turn about the rig when the center, `d` from it, stays. */
+/* X (3,WIDE) = A x d, column by column: the shift that turns a rotation about the rig into one about the center, `d`
+ * from it. */
 static void cross_rows(const double *d, const double *A, double *X) {
     for (int j = 0; j < WIDE; j++) {
         const double a = A[j], b = A[WIDE + j], c = A[2 * WIDE + j];
@@ -58,7 +60,7 @@ static void cross_rows(const double *d, const double *A, double *X) {
     }
 }
 
-/* Rows of a landmark from those of the pose: it shifts the other way, and turns about its own center. */
+/* Rows of a landmark from those of the pose: a landmark shifts the other way, and rotates about its own center. */
 static void by_landmark(const double *d, const double *A, double *X) {
     double turned[3 * WIDE];
     cross_rows(d, A, turned);

@@ -1,4 +1,4 @@
-/* Kernels that the fit of one landmark calls, declared once; their own files say what they take. */
+/* Kernels that the fit of one landmark calls; their own files describe the arguments. */
 #ifndef LMKIT_LANDMARK_FIT_H
 #define LMKIT_LANDMARK_FIT_H
 
@@ -16,7 +16,7 @@ LMKIT_EXPORT int lmkit_decode(int64_t n, const float *drawing, const double *vie
                               const int32_t *masks, int64_t codes, const double *rules, float *columns,
                               double *subsets, double *out);
 
-/* A decoding may leave out the parts and the occlusion, or go on with the columns of the last one. */
+/* A decoding may skip the parts and the occlusion, or reuse the columns of the previous one. */
 #define PARTS 1
 #define SAME_COLUMNS 2
 

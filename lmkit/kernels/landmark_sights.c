@@ -1,4 +1,4 @@
-/* What a camera at many poses sees of many landmarks: sides in pixels, and the information of their corners.
+/* Landmarks in the images of a camera at many poses: sides in pixels, and the Fisher information of their corners. 
  * landmark_sights.py holds the definition. */
 #include "kernels.h"
 #include "lens.h"

@@ -1,4 +1,5 @@
-/* Errors that images share, through an update of a filter's state; lasting_errors.py holds the definition. */
+/* Errors that images share (lasting errors), in an update of a filter's state; lasting_errors.py holds the
+ * definition. */
 #include "observation.h"
 
 #define MOST 12 /* states */
@@ -24,7 +25,7 @@ static void own_pull(const double *H, const double *K, const double *pull, doubl
         }
 }
 
-/* Pulls of the errors of places (S,6,6) and of corners (S,6,8) on the pose; 0 where they are not numbers. */
+/* Effects on the pose of the errors of places (S,6,6) and of corners (S,6,8); 0 if they are not finite. */
 static int error_pulls(const Corners *seen, const double *R, const double *p, const uint8_t *used, double *pulls,
                        double *own) {
     for (int64_t i = 0; i < 36 * seen->count; i++) pulls[i] = 0;
@@ -74,7 +75,8 @@ static void product(const double *restrict A, const double *restrict B, int64_t 
     }
 }
 
-/* E (n,n) += X D^T + D X^T, of X and D (n,wide): what errors have in common with the state before, and move it by. */
+/* E (n,n) += X D^T + D X^T, with X and D (n,wide): covariance of the errors with the state before, and their effect
+ * on the state. */
 static void count(const double *X, const double *D, int64_t n, int64_t wide, double *E) {
     for (int64_t i = 0; i < n; i++)
         for (int64_t j = 0; j <= i; j++) {
@@ -86,7 +88,7 @@ static void count(const double *X, const double *D, int64_t n, int64_t wide, dou
         }
 }
 
-/* Errors of one observation's corners: of the detector and of the lens, side by side. */
+/* Errors of one observation's corners: those of the detector, then those of the lens. */
 static void own_errors(const double *own, int64_t n, double share, const double *by_pull, double *out) {
     double moved[MOST * OWN];
     const double lens = sqrt(share), detector = sqrt(1 - share);
@@ -98,14 +100,14 @@ static void own_errors(const double *own, int64_t n, double share, const double 
         }
 }
 
-/* Root mean square of the way of four corners, pixels. */
+/* Root mean square displacement of four corners, pixels. */
 static double way(const double *from, const double *to) {
     double sum = 0;
     for (int i = 0; i < 8; i++) sum += (to[i] - from[i]) * (to[i] - from[i]);
     return sqrt(sum / 4);
 }
 
-/* Whether an earlier observation that is used is of the same landmark, whose place must count once. */
+/* Whether an earlier used observation has the same landmark; the error of its place must count once. */
 static int is_counted(const int64_t *numbers, const uint8_t *used, int64_t s) {
     for (int64_t k = 0; k < s; k++)
         if (used[k] && numbers[k] == numbers[s]) return 1;

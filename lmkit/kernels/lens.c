@@ -10,7 +10,7 @@ LMKIT_EXPORT int lmkit_corners_through_lens(const Lens *lens, int64_t count, con
                                             const double *covariance, double floor_px, double reached_px,
                                             double *rays, double *by_ray, double *whitener, uint8_t *reached);
 
-/* A step of Newton's method towards a pixel that is near; 0, and nothing changed, where it leads no nearer. */
+/* One step of Newton's method toward a near pixel; returns 0 and changes nothing if the step does not come nearer. */
 static int newton_step(const Lens *lens, const double *pixel, double *ray, double *there, double *J, double *error) {
     const double du = pixel[0] - there[0], dv = pixel[1] - there[1], scale = 1 / (J[0] * J[3] - J[1] * J[2]);
     const double x = ray[0] + (J[3] * du - J[1] * dv) * scale, y = ray[1] + (J[0] * dv - J[2] * du) * scale;
@@ -84,7 +84,7 @@ static void unproject_fisheye(const Lens *lens, const double *pixel, double *ray
     ray[1] = sound ? v * scale : -1e6;
 }
 
-/* Inverse of the lower Cholesky factor of A + floor^2; 0 where A is no covariance. */
+/* Inverse of the lower Cholesky factor of A + floor^2; 0 if this is not positive definite. */
 static int inverse_factor8(const double *A, double floor_px, double *out) {
     double L[64];
     for (int i = 0; i < 8; i++) {

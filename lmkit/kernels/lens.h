@@ -1,4 +1,4 @@
-/* A camera, and the pixel that it sees a ray in.  Lens models are OpenCV's; lens.py holds the definition. */
+/* A camera, and the pixel of a ray.  Lens models are OpenCV's; lens.py holds the definition. */
 #ifndef LMKIT_LENS_H
 #define LMKIT_LENS_H
 

@@ -1,4 +1,5 @@
-/* Which colors of a mosaic the pixels of one landmark saw, from what its fit leaves.  mosaic.py holds the definition. */
+/* Position of the color mosaic in the pixels of one landmark, from the residuals of its fit.  mosaic.py holds the
+ * definition. */
 #ifndef LMKIT_MOSAIC_H
 #define LMKIT_MOSAIC_H
 
@@ -8,16 +9,16 @@
 #include "pattern.h"
 
 #define PLACES 4 /* of red in a cell of 2 x 2 pixels: row times 2, plus column */
-#define BLURS 2  /* interpolation that blurs nothing, or as a mean of neighbors does */
+#define BLURS 2  /* interpolation without blur, or with the blur of a mean of neighbors */
 #define FARTHEST 300.0f
-#define EVIDENT_BLOCKS 10 /* fewer than so many blocks are all looked at, of more up to so many */
+#define EVIDENT_BLOCKS 10 /* number of blocks that are used at most */
 
 /* error of interpolated values by curvature, weight of the evidence, log odds of a mosaic at any place against none, and
  * weight of an interpolated value. */
 enum { ERROR_SHARE, EVIDENCE, LOG_ODDS, LEAST_WEIGHT, MOSAIC_RULES };
 
-/* Log likelihoods of all residuals, by blur and place of red, and where all values err alike: by little, or as a mosaic's do
- * on the average. */
+/* Log likelihoods of all residuals, by blur and place of red, and if all values have equal errors: small ones, or the
+ * mean error of a mosaic. */
 typedef struct {
     double by_place[BLURS][PLACES], alike[2];
 } MosaicEvidence;

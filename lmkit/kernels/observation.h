@@ -1,4 +1,4 @@
-/* What one observation says at a pose, as a whitened block: for kernels that sum over observations. */
+/* The whitened block of one observation at a pose, for kernels that sum over observations. */
 #ifndef LMKIT_OBSERVATION_H
 #define LMKIT_OBSERVATION_H
 
@@ -6,8 +6,8 @@
 
 #include "pose_fit.h"
 
-/* The whitened block of an observation, and that of its landmark's error where it is uncertain (else null).  A call of
- * its own: drawn into its callers, it takes three times as long (GCC 12, blocks pass through memory in pieces). */
+/* The whitened block of an observation, and that of its landmark's error if the landmark is uncertain (else null). 
+ * Not inlined: inlined, it takes three times as long (GCC 12, blocks pass through memory in pieces). */
 static __attribute__((noinline)) void observation(const Corners *seen, int64_t s, const double *R, const double *p,
                                                   int derivatives, double *block, double *moved) {
     double M[9], raw[64], raw_moved[64];

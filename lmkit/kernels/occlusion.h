@@ -1,4 +1,4 @@
-/* Whether something stands before a decoded landmark: occlusion.py holds the definition. */
+/* Tests for an object in front of a decoded landmark; occlusion.py holds the definition. */
 #ifndef LMKIT_OCCLUSION_H
 #define LMKIT_OCCLUSION_H
 
@@ -51,7 +51,8 @@ static inline double foreign_rectangle(double cells[CELLS][CELLS][SUMS], const O
     return most;
 }
 
-/* The least chi2 that speaks for the code against another one in the same turn, no pixel counting for more than a limit. */
+/* Evidence: the least chi2 in favor of the code against another one in the same turn, with the chi2 of each pixel
+ * limited. */
 static inline double least_evidence(int gaps, const double *evidence, uint32_t open, const int32_t *masks, int64_t codes, double nothing)
 {
     double least = nothing;
@@ -68,7 +69,7 @@ static inline double least_evidence(int gaps, const double *evidence, uint32_t o
     return least;
 }
 
-/* What a decoding leaves of the pixels. */
+/* Residuals of the pixels after a decoding. */
 typedef struct {
     float *squares, *along; /* (n) squared length, and product with the contrast */
     float length;           /* squared, of the contrast: white less ground */

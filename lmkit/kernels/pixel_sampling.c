@@ -28,8 +28,8 @@ static inline int64_t first_column(int64_t y, int64_t x0, int64_t step)
     return x0 + off;
 }
 
-/* Pixels of a row: 0 outside, 1 inside, 2 near an edge of the drawing.  Around the face those are outside that a
- * standard deviation of the point spread carries beyond the paper: they show what is behind it. */
+/* Pixels of a row: 0 outside, 1 inside, 2 near an edge of the drawing.  Around the face, a pixel counts as outside if
+ * one standard deviation of its point spread reaches beyond the paper: it may show the background. */
 static void classify(const Plane *plane, const float *restrict x, const float *restrict y, const float *edges, int64_t squares, int64_t circles, float face, float reach, float paper, float band, float *restrict kind)
 {
     Points at;

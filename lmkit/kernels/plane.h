@@ -1,4 +1,4 @@
-/* From pixels to the landmark's plane: homography of four corners, radial bend, point spread, light. */
+/* From pixels to the landmark's plane: homography of four corners, radial distortion, point spread, light. */
 #ifndef LMKIT_PLANE_H
 #define LMKIT_PLANE_H
 
@@ -7,7 +7,8 @@
 
 #include "pattern.h"
 
-/* State of a registration: corners 0..7 (px), point spread 8..10 (px^2), bend 11, shading 12..13, bleed 14. */
+/* State of a registration: corners 0..7 (px), point spread 8..10 (px^2), radial distortion 11, shading 12..13,
+ * mixed-pixel bias 14. */
 #define STATE 15
 
 /* View: origin x, y (px; pixel coordinates are relative to it), center x, y (px), half width (px), half side (mm),
@@ -71,7 +72,7 @@ static inline Plane plane_of(const double *view, const double *state)
     return p;
 }
 
-/* What slopes need beside the points: d plane / d pixel (a b; c d), pixel freed of the bend, radial direction. */
+/* What slopes need beside the points: d plane / d pixel (a b; c d), undistorted pixel, radial direction. */
 typedef struct {
     block a, b, c, d, flat_x, flat_y, radial_x, radial_y;
 } Jacobian;

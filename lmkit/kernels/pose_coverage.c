@@ -1,4 +1,4 @@
-/* Errors to expect of poses on a floor from information on the camera's pose, and how near they are to a demand.
+/* Expected errors of poses on a floor, from the information on the camera's pose, compared with a demand. 
  * pose_coverage.py holds the definition. */
 #include <math.h>
 
@@ -22,13 +22,13 @@ LMKIT_EXPORT int lmkit_change_coverage(const Coverage *all, int64_t count, const
                                        const uint8_t *shown, int64_t sign, int64_t apply, double *gain,
                                        int64_t *newly);
 
-/* (3,3) of the base's x, y, heading; 0 where the information is no positive matrix. */
+/* Covariance (3,3) of the base's x, y, heading; 0 if the information is not positive definite. */
 static int planar_covariance(const double *information, const double *arm, const double *known, double *C) {
     double L[36], Y[18] = {0};
     for (int i = 0; i < 36; i++) L[i] = information[i];
     for (int i = 0; i < 6; i++) L[7 * i] += known[i];
     if (!cholesky6(L, 6)) return 0;
-    /* Transposed derivatives of the base's place and heading with the camera's pose: p_base = p_camera - arm. */
+    /* Transposed derivatives of the base's position and heading with the camera's pose: p_base = p_camera - arm. */
     Y[0] = Y[4] = Y[17] = 1;
     Y[12] = -arm[2];
     Y[15] = arm[1];

@@ -1,4 +1,4 @@
-/* Observed corners, what is known of a pose, and the kernels of reprojection.c, for kernels that call them. */
+/* Observed corners, the prior of a pose, and the kernels of reprojection.c, for kernels that call them. */
 #ifndef LMKIT_POSE_FIT_H
 #define LMKIT_POSE_FIT_H
 
@@ -14,7 +14,7 @@ typedef struct {
     double nearest, nowhere;
 } Corners;
 
-/* What is known of the pose: NaN where nothing is. */
+/* Prior of the pose; NaN where there is none. */
 typedef struct {
     double heading, heading_sigma, height, height_sigma, down[3], tilt_sigma;
 } Prior;
@@ -27,7 +27,7 @@ LMKIT_EXPORT int lmkit_pose_equations(const Corners *seen, const Prior *prior, i
 LMKIT_EXPORT int lmkit_refine_poses(const Corners *seen, const Prior *prior, int64_t poses, const uint8_t *used,
                                     int64_t iterations, double converged, double most_damping, double *R, double *p);
 
-/* Squared error of a pose against what is known of it, in standard deviations. */
+/* Squared error of a pose relative to its prior, in standard deviations. */
 double prior_cost(const Prior *prior, const double *R, const double *p);
 
 #endif

@@ -1,9 +1,9 @@
-/* The poses that the corners of landmarks allow, and the covariance of one.  pose_search.py holds the definition. */
+/* Pose hypotheses from the corners of landmarks, and the covariance of a pose.  pose_search.py holds the definition. */
 #include <stddef.h>
 
 #include "pose_search.h"
 
-/* Everything about the hypotheses, each in its own slot; `rows` lists the slots that are still in the race. */
+/* Data of the hypotheses, one slot each; `rows` lists the slots of those that remain. */
 typedef struct {
     const Corners *seen;
     const Prior *prior;
@@ -15,7 +15,7 @@ typedef struct {
 
 int lmkit_square_poses(int64_t count, const double *rays, const double *sizes, double *R, double *t, double *errors);
 
-/* T_map_rig (R, p) from T_camera_landmark, for the camera of a observation and the landmark with these corners. */
+/* T_map_rig (R, p) from T_camera_landmark, for the camera of an observation and the landmark with these corners. */
 static void place_rig(const Corners *seen, int64_t s, double size, const double *R_eye, const double *t_eye,
                       double *R, double *p) {
     const double *P = seen->points + 12 * s, *C = seen->R_camera + 9 * s, *t = seen->t_camera + 3 * s;
@@ -27,7 +27,7 @@ static void place_rig(const Corners *seen, int64_t s, double size, const double 
     const double M[9] = {x[0], y[0], x[1] * y[2] - x[2] * y[1], x[1], y[1],
                          x[2] * y[0] - x[0] * y[2], x[2], y[2], x[0] * y[1] - x[1] * y[0]};
     for (int i = 0; i < 3; i++) moved[i] = t_eye[i] - t[i];
-    /* Rows of T: the landmark's rotation as the rig has it, C^T R_eye. */
+    /* Rows of T: the landmark's rotation in the frame of the rig, C^T R_camera_landmark. */
     double T[9];
     for (int i = 0; i < 3; i++) {
         back[i] = C[i] * moved[0] + C[3 + i] * moved[1] + C[6 + i] * moved[2];
@@ -41,7 +41,7 @@ static void place_rig(const Corners *seen, int64_t s, double size, const double 
                (R[3 * i] * back[0] + R[3 * i + 1] * back[1] + R[3 * i + 2] * back[2]);
 }
 
-/* Both poses of every landmark, from the camera that sees it larger; how many there are. */
+/* Both poses of every landmark, from the camera in which it is larger; returns their number. */
 static int64_t hypotheses(const Corners *seen, const int64_t *of, const double *side_px, double *R, double *p,
                           int64_t *own) {
     int64_t count = 0;
@@ -65,7 +65,7 @@ static int64_t hypotheses(const Corners *seen, const int64_t *of, const double *
     return count;
 }
 
-/* Negative log likelihood: an observation that is not explained costs as much as one just explained. */
+/* Negative log likelihood: an outlier costs as much as an observation at the limit. */
 static void judge(Race *race, int64_t h) {
     const int64_t S = race->seen->count;
     double sum = 0;
@@ -98,7 +98,7 @@ static int is_same(const Race *race, int64_t a, int64_t b) {
     return !(race->search->least_trace > trace) && !(apart > race->search->same_place_squared);
 }
 
-/* Sort by cost, and drop what is the same pose as a better one. */
+/* Sort by cost, and drop hypotheses with the same pose as a better one. */
 static void keep_distinct(Race *race) {
     int64_t kept = 0;
     for (int64_t k = 1; k < race->count; k++) {
@@ -115,7 +115,8 @@ static void keep_distinct(Race *race) {
     race->count = kept;
 }
 
-/* Toward its own landmark and all that it comes near to; what cannot win is dropped. */
+/* Refine every hypothesis on its own landmark and on all landmarks near their expected places; drop those that cannot
+ * win. */
 static void approach(Race *race, const int64_t *of, const double *side_px, const int64_t *own) {
     const int64_t S = race->seen->count;
     const Search *search = race->search;
@@ -144,7 +145,8 @@ static void approach(Race *race, const int64_t *of, const double *side_px, const
     race->count = kept;
 }
 
-/* Mark what a pose explains; what explains nothing stays where its best landmark put it.  Anything new? */
+/* Mark the inliers of a pose; without any, the observation that fits best is the only inlier.  Returns whether the
+ * marks changed. */
 static int mark_inliers(Race *race, int64_t h) {
     const int64_t S = race->seen->count;
     const double *misfits = race->misfits + h * S;
@@ -171,7 +173,7 @@ int lmkit_search_poses(const Corners *seen, const Prior *prior, const Search *se
     const int64_t all = race.count * seen->count;
     approach(&race, of, side_px, own);
     keep_distinct(&race);
-    for (int64_t k = 0; k < all; k++) before[k] = 2; /* neither used nor not */
+    for (int64_t k = 0; k < all; k++) before[k] = 2; /* neither 0 nor 1, so that the first marks count as a change */
     for (int64_t round = 0; round < search->rounds; round++) {
         int changed = 0;
         for (int64_t k = 0; k < race.count; k++) changed |= mark_inliers(&race, rows[k]);

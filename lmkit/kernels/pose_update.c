@@ -26,7 +26,7 @@ LMKIT_EXPORT int lmkit_update_planar(const Corners *seen, const Update *update, 
 typedef struct {
     const Corners *seen;
     const Update *update;
-    const double *known, *R_base, *t_base; /* R_base is null in space */
+    const double *known, *R_base, *t_base; /* R_base is null in 3D */
     int64_t size;
     double start[MOST], state[MOST]; /* on a floor */
     double R_start[9], p_start[3], R[9], p[3];
@@ -72,13 +72,13 @@ static void camera_by_state(const Fit *fit, double *J) {
     J[0] = J[MOST + 1] = J[MOST * 5 + 2] = 1;
     J[2] = -y;
     J[MOST + 2] = x;
-    /* It leans about the floor, not about the camera. */
+    /* The robot leans about its base on the floor, not about the camera. */
     const double lean[6][3] = {{0, 0, z}, {0, -z, 0}, {1, y, -x}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0}};
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < LEAN; j++) J[MOST * i + n - LEAN + j] = lean[i][j];
 }
 
-/* From the state to what was foretold. */
+/* Predicted state minus present state. */
 static void offset(const Fit *fit, double *off) {
     if (fit->R_base) {
         for (int64_t i = 0; i < fit->size; i++) off[i] = fit->start[i] - fit->state[i];
@@ -151,7 +151,7 @@ static int inverse(const double *A, int64_t stride, int64_t n, double *out) {
     return 1;
 }
 
-/* Normal matrix of what is known and what is seen, and its gradient. */
+/* Normal matrix and gradient of the prediction and of the used observations. */
 static void linearize(Fit *fit, const uint8_t *used, double *gradient) {
     const int64_t n = fit->size;
     double N[36], g[6], squared, J[6 * MOST], NJ[6 * MOST], off[MOST];
@@ -177,7 +177,7 @@ static void linearize(Fit *fit, const uint8_t *used, double *gradient) {
     }
 }
 
-/* The state that agrees best with what is known and the observations used; 0 where nothing determines it. */
+/* The state that fits the prediction and the used observations best; 0 if they do not determine it. */
 static int fit_state(Fit *fit, const uint8_t *used, double *misfits, double *pixels) {
     const int64_t n = fit->size;
     for (int64_t k = 0; k < fit->update->iterations; k++) {
@@ -211,14 +211,15 @@ static int fit_believed(Fit *fit, const int64_t *of, uint8_t *used, double *misf
         for (int64_t s = 0; s < S; s++)
             if (used[s] && (worst < 0 || misfits[s] > misfits[worst])) worst = s;
         if (worst < 0 || misfits[worst] < fit->update->limit) return 1;
-        /* Both cameras' observations of a landmark stand and fall together. */
+        /* Observations of a landmark by several cameras are kept or dropped together. */
         const int64_t landmark = of[worst];
         for (int64_t s = 0; s < S; s++)
             if (of[s] == landmark) used[s] = 0;
     }
 }
 
-/* What the update leaves: covariance and share of the error before (wide,wide), of the states that go on. */
+/* Result for the states that are kept: covariance, and the factor (wide,wide) by which errors of the prediction
+ * remain. */
 static int remains(const Fit *fit, int64_t wide, double *covariance, double *left, double *inverted) {
     const int64_t n = fit->size;
     if (!inverse(fit->normal, MOST, n, inverted)) return 0;

@@ -48,8 +48,8 @@ static double length_of(double x, double y)
     return sqrt(x * x + y * y);
 }
 
-/* where (where_height,where_width): cells of an image that is halved so many times less than the plane (more often where
- * negative), or null.  level: of the plane; corners are those of the image before its halvings. */
+/* where (where_height,where_width): cells of an image with `halvings` fewer halvings than the plane (more if
+ * negative), or null.  level: halvings of the plane; corners are in pixels of the image before them. */
 LMKIT_EXPORT int lmkit_dark_quads(int64_t height, int64_t width, const uint8_t *plane, const uint8_t *where,
                                   int64_t where_height, int64_t where_width, int64_t halvings, int64_t level,
                                   int64_t window, const double *rules, int16_t *field, uint8_t *flags,
@@ -169,7 +169,7 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
                 sum += sums[k];
             out[x] = (int16_t)(64 * row[x] + 32 - (int64_t)((sum << means.shift) * means.shares[rows * (right - left + 1)] >> 16));
         }
-        /* Sums of the next row, before this row's field is read again: what was just written is not yet at hand. */
+        /* Sums of the next row come before this row's field is read again: reading what was just written would wait. */
         if (y + half + 1 < height && y - half >= 0) {
             const uint8_t *restrict enters = plane + (y + half + 1) * width, *restrict leaves = plane + (y - half) * width;
             for (int64_t x = 0; x < width; x++)
@@ -186,13 +186,13 @@ static void local_field(int64_t height, int64_t width, const uint8_t *plane, int
 }
 
 /* Outlines run clockwise along sides of pixels (0 right, 1 down, 2 left, 3 up) from corner to corner.  What is dark
- * around a corner (0 to 15) and the side that ends there (times 16) say which side is next: where it ends, and that side
- * times 16.  Tables and no branches, since outlines of texture turn as no processor predicts; one byte and one table on
- * the way from a corner to the next. */
+ * around a corner (0 to 15) and the side that ends there (times 16) say which side is next: where it ends, and that
+ * side times 16.  Tables replace branches, because processors cannot predict the turns of textured outlines; a step
+ * from one corner to the next takes one byte and one table. */
 typedef struct {
     int64_t move[64], next[64];
     int64_t sign[64], right[64]; /* of the side itself: what it adds to the area */
-    int32_t code[64];            /* what its code is beyond 4 times the place of the corner where it ends */
+    int32_t code[64];            /* its code minus 4 times the position of the corner where it ends */
     uint8_t visit[64];
 } Turns;
 
@@ -287,7 +287,7 @@ static int64_t farthest(const Outline *o, float x, float y)
     return at;
 }
 
-/* Twice the area of the triangle of two points of an outline and a third; positive to the right of the way. */
+/* Twice the area of the triangle of two points of an outline and a third; positive if the third lies to the right. */
 typedef struct {
     float x, y, dx, dy;
 } Way;
@@ -303,8 +303,9 @@ static inline float beside(Way w, float x, float y)
     return w.dx * (y - w.y) - w.dy * (x - w.x);
 }
 
-/* Four corners, clockwise: farthest from the middle, farthest from that, and farthest on both sides of the line between;
- * 0 where they are no square's.  area: of the outline's hull, taken for four parabolas on their sides. */
+/* Four corners, clockwise: the point farthest from the center of the box, the point farthest from that one, and the
+ * farthest points on both sides of the line between; 0 if they cannot be corners of a square.  area: of the outline's
+ * hull, approximated by four parabolas on the sides. */
 static int four_corners(const Outline *o, int64_t *corner, double *area)
 {
     const int64_t padded = PADDED(o->n);
@@ -361,8 +362,8 @@ static int four_corners(const Outline *o, int64_t *corner, double *area)
     return smaller >= (float)EVEN * whole && 0.5 * (double)whole >= FULL * *area;
 }
 
-/* Line through the contour's points from one corner to the next, those near the ends and far off left out: a point of
- * it and its direction. */
+/* Line fitted to the contour's points between two corners, without those near the ends and outliers: a point and a
+ * direction. */
 static void fit_line(const Outline *o, int64_t from, int64_t to, double *line)
 {
     const double ax = o->x[from], ay = o->y[from];
@@ -498,7 +499,7 @@ static int64_t long_stretches(const Outline *o, double tolerance, int64_t most, 
     return kept;
 }
 
-/* The square whose sides run along four stretches; 0 where that is none. */
+/* The square whose sides run along four stretches; 0 if there is none. */
 static int square_of(const Outline *o, const int64_t *from, const int64_t *to, const int64_t *chosen, double outline, double least, float *q)
 {
     double lines[4][4];
@@ -525,8 +526,8 @@ static double length_around(const Outline *o)
     return outline;
 }
 
-/* Squares of the outline's longest straight stretches, for squares of which a part is hidden: what covers a corner or
- * sticks in over a side adds stretches of its own; the square's are among the longest. */
+/* Squares from the longest straight stretches of an outline, for partly hidden squares.  An object over a corner or a
+ * side adds stretches of its own; those of the square are among the longest. */
 static int64_t complete(const Outline *o, const QuadRules *rules, float *quads, int64_t capacity)
 {
     const double outline = length_around(o);
@@ -551,7 +552,8 @@ static int64_t complete(const Outline *o, const QuadRules *rules, float *quads, 
     return found;
 }
 
-/* The square of which a side and pieces of both beside it are seen: as deep as it is wide. */
+/* The square of which one side and pieces of both neighboring sides are visible; it is taken to be as deep as it is
+ * wide. */
 static int square_from_three(const Outline *o, const int64_t *from, const int64_t *to, const int64_t *chosen, double least, float *q)
 {
     double lines[3][4];
@@ -573,9 +575,9 @@ static int square_from_three(const Outline *o, const int64_t *from, const int64_
     return is_fair(q, least);
 }
 
-/* Squares inside a bright strip, such as a margin whose square is joined to what is dark around it by something dark
- * over a corner: of the strip's outline, four long stretches in turn are the square's sides.  A hard shadow cuts the
- * margin in two: of three in turn, the one between is a whole side. */
+/* Squares inside a bright strip, such as the margin of a square that a dark object over a corner joins to its dark
+ * surroundings: four consecutive long stretches of the strip's outline are the sides of the square.  A hard shadow
+ * cuts the margin in two: the middle one of three consecutive stretches is then a whole side. */
 static int64_t complete_inside(const Outline *o, const QuadRules *rules, float *quads, int64_t capacity)
 {
     const double outline = length_around(o);
@@ -597,8 +599,8 @@ static int64_t complete_inside(const Outline *o, const QuadRules *rules, float *
     return found;
 }
 
-/* Does an outline run around something without winding: its length against that of the upright box around every
- * eighth of its pixels. */
+/* Whether an outline runs around something without winding: its length compared with that of the bounding box of
+ * every eighth of its pixels. */
 static int is_strip(const int32_t *codes, int64_t n, int32_t stride)
 {
     int32_t x0 = INT32_MAX, x1 = 0, y0 = INT32_MAX, y1 = 0;
@@ -639,8 +641,8 @@ static int64_t contour_quads(const Outline *o, const QuadRules *rules, float *qu
     return found;
 }
 
-/* Begin and end of each run of pixels, in a row of cells, in which anything is to be looked for; how many.  Cells of the
- * plane may lie within one of `where` (halvings < 0) or hold several; at odd sizes the last ones reach further. */
+/* Begin and end of each run of pixels to be searched, in a row of cells; returns the number of runs.  Cells of the
+ * plane may lie within one of `where` (halvings < 0) or contain several; at odd sizes the last ones reach further. */
 static int64_t active_runs(const uint8_t *where, int64_t down, int64_t across, int64_t halvings, int64_t row, int64_t width, int32_t *restrict runs)
 {
     const int64_t tall = halvings > 0 ? (int64_t)1 << halvings : 1, size = halvings < 0 ? (int64_t)CELL << -halvings : CELL;
@@ -691,8 +693,8 @@ static int begin_outlines(Outlines *o, const Turns *turns, const QuadRules *rule
         const double square = (double)n * (double)n;
         float *const quads = o->quads + 8 * o->found;
         const int64_t room = o->capacity - o->found;
-        /* No crossing lies further than half a pixel from its side.  Bright regions run the other way around; what winds
-         * encloses little for its length. */
+        /* No crossing lies further than half a pixel from its side.  Bright regions run the other way around; a
+         * winding outline encloses little area for its length. */
         if ((double)area + 0.5 * (double)n > ROUND * square) {
             if (crossings(o->field, o->stride, o->codes, n, o->x, o->y) > ROUND * square)
                 o->found += contour_quads(&outline, rules, quads, room);

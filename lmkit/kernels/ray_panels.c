@@ -1,5 +1,6 @@
-/* Where rays of an image meet a textured panel, and what is painted there; single precision, each operation rounded as
- * in numpy, so that a seed gives the same image on every machine.  ray_panels.py holds the definition. */
+/* Intersections of an image's rays with a textured panel, and the texture's values there; single precision, each
+ * operation rounded as in numpy, so that a seed gives the same image on every machine.  ray_panels.py holds the
+ * definition. */
 #include <math.h>
 
 #include "kernels.h"

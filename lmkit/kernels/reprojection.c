@@ -151,7 +151,7 @@ static void refine_pose(const Corners *seen, const Prior *prior, const uint8_t *
         for (int i = 0; i < 6; i++) gain += step[i] * total[WIDE * i + 6];
         turn_by(step + 3, R, R_there);
         for (int i = 0; i < 3; i++) p_there[i] = p[i] + step[i];
-        /* What the step promises to gain, before it is tried. */
+        /* Predicted decrease of the cost by this step. */
         int better = gain < converged;
         if (!better) {
             pose_products(seen, prior, R_there, p_there, used, there);

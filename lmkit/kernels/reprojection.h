@@ -1,4 +1,4 @@
-/* What a camera should see of one landmark's four corners, whitened, with derivatives; and small matrices. */
+/* Whitened errors of one landmark's four corners in a camera, with derivatives; and small matrices. */
 #ifndef LMKIT_REPROJECTION_H
 #define LMKIT_REPROJECTION_H
 
@@ -9,7 +9,7 @@
  * The product of such a block with itself holds the normal matrix, the gradient and the squared error. */
 #define WIDE 8
 
-/* Where the camera of a observation stands: x_camera = M (X - p) + t. */
+/* Pose of the camera of an observation: x_camera = M (X - p) + t. */
 static inline void map_to_camera(const double *R_camera, const double *R, double *M) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)

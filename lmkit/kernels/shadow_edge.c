@@ -30,7 +30,7 @@ static void fill_bins(int64_t n, const double *at, const double *values, const d
     }
 }
 
-/* Largest variance between both sides of an edge, up to what no edge changes. */
+/* Largest variance between both sides of an edge, without the terms that are the same for all edges. */
 static double best_split(int64_t bins, const double *sums)
 {
     double weight = 0.0, total = 0.0, before = 0.0, sum = 0.0, best = -1.0;

@@ -16,7 +16,7 @@ LMKIT_EXPORT int lmkit_wheel_steps(int64_t rows, const double *times, const doub
 
 enum { PARAMETERS = 6, DELAY = 5, SETS = 8 };
 
-/* Where the robot is along its path, by a time within it. */
+/* Position of the robot along its path at a time within it. */
 static void place(int64_t rows, const double *times, const double *path, double time, double *out) {
     const double own = time < times[0] ? times[0] : time > times[rows - 1] ? times[rows - 1] : time;
     int64_t low = 0, high = rows - 1; /* the first row that is not earlier */
@@ -67,7 +67,7 @@ int lmkit_wheel_motions(int64_t rows, const double *restrict times, const double
     return 0;
 }
 
-/* Three totals by a time, which stand still before the first row and after the last one. */
+/* Three cumulative sums up to a time; they are constant before the first row and after the last one. */
 static void totals_by(int64_t rows, const double *times, const double *totals, double own, double *out) {
     int64_t low = 0, high = rows; /* the first row that is later */
     while (low < high) {
@@ -85,7 +85,7 @@ static void totals_by(int64_t rows, const double *times, const double *totals, d
     }
 }
 
-/* First and last row that the path between times needs, moved by the delays of all sets. */
+/* First and last row that the path between times needs, with the delays of all sets. */
 static void rows_between(int64_t rows, const double *times, int64_t count, const double *at, double delay, double span,
                          int64_t *first, int64_t *last) {
     double low = at[0], high = at[0];
@@ -101,8 +101,8 @@ static void rows_between(int64_t rows, const double *times, int64_t count, const
     while (*last > *first + 1 && times[*last - 1] >= high) --*last;
 }
 
-/* moves: how far each parameter is moved, the delay to both sides, and the longest time between rows that is no gap.
- * all (8,count-1,3) and path (rows,3) are scratch. */
+/* moves: step of each parameter for the differences (of the delay to both sides), and the longest time between rows
+ * that does not count as a gap.  all (8,count-1,3) and path (rows,3) are scratch. */
 int lmkit_wheel_steps(int64_t rows, const double *restrict times, const double *restrict forward,
                       const double *restrict turn, const double *restrict seconds, const double *restrict rate,
                       const double *restrict parameters, const double *restrict moves, int64_t count,
