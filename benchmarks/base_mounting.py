@@ -1,4 +1,4 @@
-"""Places of cameras on a simulated robot, found by `lmkit.calibrate_base`: errors, and intervals that hold.
+"""Places of cameras on a simulated robot, found by `lmkit.calibrate_base`: errors, and how many intervals hold.
 
     uv run python benchmarks/base_mounting.py [--robots 12] [--cameras 1,5] [--late 0.15]
 

@@ -4,8 +4,8 @@
 
 Every set is a folder with `left/`, `right/` and `board.json`.  Each calibrator gets the corners that its own recipe
 asks for, and is scored by the mean |dy| after OpenCV's rectification of the pairs of the fold left out, on two kinds
-of corners: those of findChessboardCornersSB, and lmkit's fused ones.  A calibrator trained on a kind of corners is
-flattered when it is scored on them, so both are shown.
+of corners: those of findChessboardCornersSB, and lmkit's fused ones.  A calibrator has an
+advantage on the kind of corners that it was fitted to, so both are shown.
 
 - sample: OpenCV's stereo_calib sample (cornerSubPix 11, same focal length, no tangential part).
 - SB, fixed: findChessboardCornersSB, calibrateCamera for each camera, then stereoCalibrate with CALIB_FIX_INTRINSIC.

@@ -1,8 +1,8 @@
 """Scenes to train and to judge acceptance on: several landmarks and look-alikes before a photograph, by many cameras.
 
 Simulated.  Every image shows up to six sheets before a real photograph: landmarks, some of them partly hidden or on
-curled paper, and look-alikes (framed signs of other drawings).  The camera and its troubles are drawn from kinds of
-cameras (`lmkit.simulation.cameras`), so that a fit to some kinds can be judged on others.
+curled paper, and look-alikes (framed signs of other drawings).  The camera and its disturbances are drawn from kinds
+of cameras (`lmkit.simulation.cameras`), so that a fit to some kinds can be judged on others.
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
     uv run --extra benchmark python benchmarks/corner_covariance.py [--images 120] [--first 6000] [--keep FILE]
         [--families lm8] [--kinds training] [--displaced] [--report]
 
-Scenes of `pose_intervals.py`.  Every landmark is detected with the covariance that residuals alone let expect.  The
-constants (`growth`, `full`, `stretch`, `least`) are those of the largest likelihood of all corners' errors under a
-multivariate t distribution; a Gaussian would follow a few landmarks whose tone curve shifts all edges.  Below them
-stands how many of the poses lie in their 95 % ellipsoids, for several enlargements of the fitted `growth`.  With
+Scenes of `pose_intervals.py`.  Every landmark is detected with the covariance that follows from the residuals alone.
+The constants (`growth`, `full`, `stretch`, `least`) maximize the likelihood of all corners' errors under a
+multivariate t distribution; a Gaussian would follow a few landmarks whose tone curve shifts all edges.  The second
+table has the share of poses within their 95 % ellipsoids, for several enlargements of the fitted `growth`.  With
 ``--report`` nothing is fitted: the constants in use, on the cameras, seeds and families named.  With ``--displaced``
 every camera displaces red and blue against green (`with_displaced_colors`).
 """

@@ -1,4 +1,4 @@
-"""Whether the covariance that `lmkit detect` states for corners is that of their errors, by the size of the landmark.
+"""The covariance that `lmkit detect` states for corners, compared with their errors, by the size of the landmark.
 
     uv run --extra benchmark python benchmarks/corners.py [ROOMS_OR_DRIVE...]
 
@@ -6,9 +6,9 @@ Simulated images (two and three landmarks, 1 to 5 m, 0 to 50 deg, 12 pairs a sit
 their true maps, rigs and poses; of rooms the folder of one kind of faces.  NEES / 8 is one where stated and true
 errors agree; beside it with the floor that `lmkit locate` adds for lenses and paper.
 
-Below stands where the faces of a folder lie against their truth, in mm of their own plane (medians of landmarks whose
-side has 20 px and more, with standard errors), for upright ones and for those that are turned in the image, and the
-same NEES with the truth moved by that much.
+The second table has the offset of the faces of a folder from their truth, in mm of their own plane (medians of
+landmarks whose side has 20 px and more, with standard errors), for upright ones and for those that are turned in the
+image, and the same NEES with the truth moved by that much.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
     OMP_NUM_THREADS=1 uv run --extra benchmark python benchmarks/detection_cost.py [--images 3]
 
-Images are drawn: a soft gray ground with noise, landmarks of 40 px at random places that do not meet, and as clutter
+Images are drawn: a soft gray ground with noise, landmarks of 40 px at random places that do not touch, and as clutter
 dark squares of like sizes without a pattern.  Each image is searched several times by one `lmkit.Detector`, and the
 fastest counts: processor time of the thread, beside ArUco (``DICT_4X4_250``, defaults, the conversion to gray
-included) on the same images.  Drawn images show what cost grows with, not what is read.
+included) on the same images.  Drawn images show how the cost grows, not how much is read.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cost of red and blue images that a camera displaces against green, and how much of it the fit takes back.
+"""Cost of red and blue images that a camera displaces against green, and how much of it the fit corrects.
 
     uv run --extra benchmark python benchmarks/displaced_colors.py [--images 20] [--first 96001]
 

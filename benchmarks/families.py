@@ -3,7 +3,7 @@
     uv run --extra benchmark python benchmarks/families.py ../shared/data/photos [--n 24] [--plots docs/benchmarks]
 
 Simulated as `planar.py` tells, frontal and at 45 degrees, every family on the same scenes; wrong codes are counted
-with the reader's usual acceptance, and where a code need only be as likely right as not, where the families differ.
+with the usual acceptance, and without a code margin, where the families differ.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Landmarks that fade, by `lmkit fleet report`: how pale one is when it is named, and how many good ones are.
+"""Landmarks that fade, by `lmkit fleet report`: how pale one is when it is named, and how many good ones are named.
 
     uv run --all-extras python benchmarks/fleet_fading.py [--sites 6] [--first 700]
 

@@ -2,10 +2,10 @@
 
     uv run --extra benchmark python benchmarks/locate.py ../shared/data/rooms
 
-The true map and rig are given; codes that are mounted twice in a room are left out of its map.  The table
-runs over `LocateOptions.corner_floor_px`, the share of the corners' error that detection does not
-know of.  Below it AprilTag 3 on the second pose images (same rooms, cameras and noise, other faces), with
-what a user of OpenCV would do next: every corner of the left image into `solvePnPRansac`, then Levenberg-Marquardt.
+The true map and rig are given; codes that are mounted twice in a room are left out of its map.  The table runs over
+`LocateOptions.corner_floor_px`, the share of the corners' error that detection does not know of.  Below it AprilTag
+3 on the corresponding images (same rooms, cameras and noise, with AprilTags), with the pose that a user of OpenCV
+would compute: every corner of the left image into `solvePnPRansac`, then Levenberg-Marquardt.
 
 At the end: errors of place at the usual floor beside those that the stated covariances expect, each with the 95 %
 interval of as many pairs, and the pairs that are off by most.

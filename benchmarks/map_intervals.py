@@ -12,7 +12,7 @@ camera of the rig file about each axis, standard deviation in degrees.  ``--driv
 ``--no-odometry``: by images alone.  ``--errors``: factor of the corners' errors, whose stated covariances stay.
 ``--keep``: recordings are read from that folder, and written to it where it lacks them.
 
-Errors of the landmarks of one map have much in common: all stand against one landmark.  So the mean of their NEES
+Errors of the landmarks of one map are correlated: all are relative to one landmark.  So the mean of their NEES
 varies far more than that of as many independent ones: ``honest`` is its range, 2.5 to 97.5 %, by the map's own joint
 covariance.  ``joint`` is the NEES of all places together over their number, which has no such common part.
 ``swelling``: px by which corners stand too far out along width and height, as the survey finds them, and the median

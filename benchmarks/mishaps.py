@@ -1,4 +1,4 @@
-"""Mishaps of real surveys, simulated: each is fixed, named, or distorts the map in silence.
+"""Faults of real surveys, simulated: each is corrected, named, or distorts the map without a report.
 
     uv run python benchmarks/mishaps.py [--seeds 10] [--first 0]
 

@@ -3,7 +3,8 @@
     uv run python benchmarks/mrclam.py ../shared/data/mrclam
 
 Readings of landmarks with one time stamp, no odometry, `locate_planar` with its default noise.  The last line starts
-every fit from the truth and takes the best of a grid of weightings and losses: what these readings hold at all.
+every fit from the truth and takes the best of a grid of weightings and losses: the least error that these readings
+allow.
 """
 
 from __future__ import annotations

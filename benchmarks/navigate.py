@@ -1,13 +1,13 @@
-"""Drives to a goal, simulated: how often the robot arrives, how near, whether it knows where it is.
+"""Runs to a goal, simulated: how often the robot arrives, how near, and whether its pose is right.
 
     uv run python benchmarks/navigate.py [--runs 20] [--first 0] [--every-second] [--images]
 
 In each of the plans in benchmarks/floors, landmarks as `lmkit plan place` places them; random starts (0.4 m clear of
-walls, any heading) and goals (where the placement holds its demand); wheels that report 8 % too much way and 10 % too
-much turn, three slips of up to 5 cm and 5 deg, a gyro with bias and noise, images 0.1 s late, a robot that leans by
-0.3 deg, corners and recognition as measured.  ``--every-second`` takes half of the landmarks off walls and map;
-``--images`` photographs the room and reads the images, end to end (minutes a recording).
-Arrived means: within 5 cm and 3 deg of the goal, in truth, without touching a wall.
+walls, any heading) and goals (where the placement holds its demand); wheels that report 8 % too much distance and 10
+% too much rotation, three slips of up to 5 cm and 5 deg, a gyro with bias and noise, images 0.1 s late, a robot that
+leans by 0.3 deg, corners and recognition as measured.  ``--every-second`` takes half of the landmarks off walls and
+map; ``--images`` photographs the room and reads the images, end to end (minutes a recording).  Arrived means: within
+5 cm and 3 deg of the goal, in truth, without touching a wall.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
-"""The source paper's recipe beside lmkit on the same 400 images: its Table 2, reproduced in kind.
+"""The source paper's recipe beside lmkit on the same 400 images: its Table 2, repeated in simulation.
 
     uv run --extra benchmark python benchmarks/paper.py ../shared/data/photos [--n 400]
 
-The recipe, as far as the paper tells it: color segmentation after RGB to HSI, the structure of the
+The recipe, as far as the paper states it: color segmentation after RGB to HSI, the structure of the
 contours (red around blue), four vertexes by linear approximation, the center from the diagonals,
 gap positions by the invariance of cross ratios from the real sizes, each gap judged by the share of
 dark pixels in a window that grows with the region.  What the paper leaves open (thresholds, sizes
 of windows) is chosen here to favor it: by its best rate on a separate set of seeds.
 
 The images are simulated (`planar.py`): sides of 30 to 150 px, tilts to 50 deg, light from 2700 to
-6500 K balanced to within 15 %, half of them blurred or dim.  The paper's own images are not to be had.
+6500 K balanced to within 15 %, half of them blurred or dim.  The paper's own images are not available.
 """
 
 from __future__ import annotations

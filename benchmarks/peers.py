@@ -1,4 +1,4 @@
-"""lmkit and its peers behind one face: an image in, (code, corners) out.
+"""lmkit and its peers behind one function: from an image to (code, corners).
 
 Corners are (4,2), top left first, then clockwise, pixel centers at whole numbers.
 """

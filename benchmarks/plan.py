@@ -1,4 +1,4 @@
-"""Planning, against simulation: what a placement promises and what comes out, beside landmarks at even distances.
+"""Planning compared with simulation: predicted and simulated errors of placements, beside evenly spaced landmarks.
 
     uv run python benchmarks/plan.py [benchmarks/floors/room.yaml ...]
 

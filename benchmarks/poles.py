@@ -1,4 +1,4 @@
-"""The source paper's experiment with poles and a laser scanner, done over in simulation, scan by scan.
+"""The source paper's experiment with poles and a laser scanner, repeated in simulation, scan by scan.
 
     uv run python benchmarks/poles.py [--stations 400]
 
@@ -6,7 +6,7 @@ Poles at (4, 2) and (4, -1) m, scanner at (0.160, 0.007) m on the robot, as the 
 neither its stations nor its scanner: here the robot stands 1 to 4 m in front of the poles and up to 1.5 m aside,
 among the legs of two tables, and its pose is known beforehand to 0.5 m and 15 deg.  Percentage error:
 |actual - measured| / actual of X and Y, counted from a corner of the room 4 m behind and 4 m beside the origin, so
-that no actual distance is near nought.
+that no actual distance is near zero.
 """
 
 from __future__ import annotations

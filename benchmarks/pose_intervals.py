@@ -6,7 +6,7 @@
 Simulated stereo images of one to three landmarks, 0.8 to 4 m, up to 50 deg aside, by cameras of `TRAINING_KINDS`,
 each kind as often as the others, or, with `--reported`, by those of `HELD_OUT_KINDS`.  Lenses and map are exact; hard
 shadows, motion, defocus, dim or colored light and a veil trouble every camera with a chance of 30 % each.
-`--growth` takes the place of that of `PatternRegistration.corner_errors`; `--first` is the first seed; `--roll` is
+`--growth` replaces that of `PatternRegistration.corner_errors`; `--first` is the first seed; `--roll` is
 the most that cameras are rolled to either side.
 """
 

@@ -1,4 +1,4 @@
-"""Planted print scales: does `lmkit verify` find them in photographs, say that it does not know, or err?
+"""Planted print scales: does `lmkit verify` find them in photographs, report them as unknown, or report wrong ones?
 
     uv run --extra benchmark python benchmarks/print_scale.py ../shared/data/photos [--n 1] [--seed 70000] [--half 1]
 
@@ -7,7 +7,7 @@ middle of the same paper.  Sheets: A4 and Letter (180 mm), the sticker (100 mm o
 and a poster (540 mm on a sheet of 600 x 640 mm, with a manifest); backgrounds: plain walls, and photographs of the
 half that is not tuned on; head-on (within 3 deg) or keystoned (20 to 35 deg).  "sticker, cut" is cut at its
 drawn contour, just outside its white margin, which shrinks with it, so that only a bank card beside it can tell;
-one lies there in every other image.  Found: within 0.5 % of the truth.  Wrong: a size is said that is further off.
+one lies there in every other image.  Found: within 0.5 % of the truth.  Wrong: the size reported is further off.
 The grade must not be A while the scale is unknown, nor B or better where the size is off by 2 % or more.
 """
 

@@ -1,4 +1,4 @@
-"""Planted defects: does `lmkit verify` name each by the right line, and leave good prints in peace?
+"""Planted defects: does `lmkit verify` name each by the right line, and report nothing for good prints?
 
     uv run --extra benchmark python benchmarks/prints.py [--n 10] [--seed 90000] [--family tag36h11]
 

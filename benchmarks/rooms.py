@@ -2,7 +2,7 @@
 
     uv run --extra benchmark python benchmarks/rooms.py ../shared/data/rooms [../shared/data/drive]
 
-lmkit stands there as it is, with ``--fast``, with the camera's calibration given, and on the AprilTags.  A
+lmkit runs with its defaults, with ``--fast``, with the camera's calibration given, and on the AprilTags.  A
 recording has landmarks only.
 
 Every scene exists twice, once with lm8 landmarks and once with AprilTag 36h11 of the same size in

@@ -4,8 +4,8 @@
 
 Readings of landmarks and odometry alone, as `lmkit track` and `lmkit survey` take them, of five robots; delay and
 scales are found, not given.  Errors at every frame with a reading.  NEES of an honest planar covariance has a mean
-of 3.  A surveyed map and its drive are laid onto the true map by the rotation and shift that fit its landmarks best;
-its size stays as it is.
+of 3.  A surveyed map and its recording are aligned with the true map by the rotation and shift that fit its
+landmarks best; its size stays as it is.
 """
 
 from __future__ import annotations

@@ -6,10 +6,10 @@
 `acceptance_sets.py` holds the images.  The weights are fitted on simulated cameras, on images of look-alikes, on
 words that are no code of their family, and on photographs as they are and in other colors.  Every square that was
 registered is one example: right (a landmark, its code right) or not.  The weights are those of a logistic regression
-whose signs are held to what the terms mean.  On a second set, of other seeds and photographs, the score is stretched
-and shifted so that it is the log odds of what is the best in its place, and the cost of every limit is counted.
-`benchmarks/acceptance.py` reports on a third set, of other cameras as well.  `--shift-only` keeps the weights and
-finds the bias on the second set, with a 95 % interval over images.
+whose signs are constrained by the meaning of the terms.  On a second set, of other seeds and photographs, the score
+is stretched and shifted so that it is the log odds of the best square at each place, and the cost of every limit is
+counted.  `benchmarks/acceptance.py` reports on a third set, of other cameras as well.  `--shift-only` keeps the
+weights and finds the bias on the second set, with a 95 % interval over images.
 """
 
 from __future__ import annotations

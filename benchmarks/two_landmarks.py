@@ -1,10 +1,10 @@
-"""The source paper's Table 1, reproduced in kind: which range noise gives its 1.95 % and 1.93 %?
+"""The source paper's Table 1, repeated in simulation: which range noise gives its 1.95 % and 1.93 %?
 
     uv run python benchmarks/two_landmarks.py [--draws 4000]
 
 Two poles 3 m apart, as in the paper.  Where its robot stood is not printed; here it stands anywhere 1 to 5 m before
 them and up to 2 m aside, looking between the poles, and X and Y count from a corner of the room 2 m beside pole A, so
-that no actual distance is near nought.  Percentage error: |actual - measured| / actual, each axis on its own, the
+that no actual distance is near zero.  Percentage error: |actual - measured| / actual, each axis on its own, the
 mean.  Simulated readings: ranges off by a share of themselves, bearings by 0.25 deg.
 """
 
