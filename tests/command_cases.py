@@ -1,4 +1,4 @@
-"""Every command with a small valid input, and what to harm of it."""
+"""Every command with a small valid input, and the inputs that tests damage."""
 
 from __future__ import annotations
 
@@ -122,9 +122,9 @@ class Case:
 
     Attributes:
         words: names of ``files`` stand for the files.
-        files: read by it.
-        weight: how often it is tried; slow ones seldom.
-        folder: of images that it reads beside.
+        files: names of the files that the command reads.
+        weight: how often the case is tried; slow ones rarely.
+        folder: of images that the command reads as well.
     """
 
     words: str
@@ -134,7 +134,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The command, and what tells the case from others."""
+        """The command, and what distinguishes this case from others."""
         return " ".join(self.words.split()[:4])
 
 
@@ -220,7 +220,7 @@ def harmed(name: str, data: bytes, rng: random.Random, others: Mapping[str, byte
 
 
 def run_unharmed(case: Case, folder: Path, inputs: Mapping[str, bytes]) -> Answer:
-    """Run a case as it is in its folder, the working folder; its files are restored, others removed."""
+    """Run a case unchanged in its folder, the working folder; its files are restored, and others are removed."""
     before = set(folder.iterdir())
     try:
         return run_command(*case.words.split())
@@ -236,10 +236,10 @@ def _restore(case: Case, folder: Path, inputs: Mapping[str, bytes], before: set[
 
 
 def run_harmed(case: Case, folder: Path, inputs: Mapping[str, bytes], rng: random.Random) -> tuple[Answer, str]:
-    """Run a case with one or two of its files harmed, or with a harmed option; the files are restored.
+    """Run a case with one or two damaged files, or with a damaged option; the files are restored.
 
     Args:
-        folder: with the inputs; the working folder.
+        folder: contains the inputs; the working folder.
 
     Returns:
         the answer, and what was changed.

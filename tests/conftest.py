@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, settings
 from lmkit.arrays import ByteArray
 
 cv2.setNumThreads(1)
-# A law holds on a slow machine too, and its examples are the same in every run.
+# A law also holds on a slow machine, and its examples are the same in every run.
 # `pytest --hypothesis-profile=default` tries others.
 settings.register_profile("lmkit", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("lmkit")
@@ -27,7 +27,7 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long tests first: one that comes last leaves the other processor without work."""
+    """Run long tests first: a long test at the end would leave the other processor idle."""
 
     def seconds(item: pytest.Item) -> float:
         slow = item.get_closest_marker("slow")
@@ -38,7 +38,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def data() -> Path:
-    """The folder of real data made by others; the test is skipped where it is not there."""
+    """The folder of real data made by others; the test is skipped if it is missing."""
     if not DATA.is_dir():
         pytest.skip("the folder of real data (../shared/data) is not here")
     return DATA
@@ -46,7 +46,7 @@ def data() -> Path:
 
 @pytest.fixture(scope="session")
 def photographs() -> list[ByteArray]:
-    """Real photographs without landmarks: the data folder's, or else those that scikit-image ships."""
+    """Real photographs without landmarks: those of the data folder, otherwise those that scikit-image ships."""
     files = sorted((DATA / "photos").glob("*.jpg"))
     if files:
         return [np.asarray(cv2.imread(str(file))) for file in files]

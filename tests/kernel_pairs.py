@@ -116,7 +116,7 @@ PRIOR = (0.3, 0.1, 0.1, 0.05, 0.1, 0.99, 0.1, 0.02)
 
 
 def corners_in_view(rng: np.random.Generator, count: int, uncertain: bool, noise: float = 1e-3) -> Corners:
-    """Landmarks a few meters before a rig near the origin that looks along z, as it would see them."""
+    """Landmarks a few meters in front of a rig near the origin that looks along z, as its cameras see them."""
     center = rng.normal(size=(count, 1, 3)) * [1, 0.5, 0.5] + np.array([0, 0, 4])
     arms = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ small_rotations(rng, count, 0.5)
     R, t = small_rotations(rng, count, 0.01), 0.05 * rng.normal(size=(count, 3))
@@ -131,7 +131,7 @@ def corners_in_view(rng: np.random.Generator, count: int, uncertain: bool, noise
 
 
 def hostile_corners(rng: np.random.Generator, count: int) -> Corners:
-    """Landmarks all around, behind and in the camera; nothing fits anything."""
+    """Landmarks all around, behind and inside the camera; no observation fits a pose."""
     return Corners(
         rng.normal(size=(count, 4, 3)), rng.normal(size=(count, 4, 2)), rng.normal(size=(count, 4, 2, 2)),
         rng.normal(size=(count, 8, 8)), rotations(rng, count), rng.normal(size=(count, 3)),
@@ -167,7 +167,7 @@ def _refine_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         for uncertain in (False, True):
             for prior in (NO_PRIOR, PRIOR):
                 yield corners_in_view(rng, observations, uncertain), prior, R, p, used, 5, 1e-2, 1e6
-    # Nothing seen, and not a number: the pose stays.
+    # No observation, or NaN: the pose stays.
     R, p = small_rotations(rng, 2, 0.02), np.zeros((2, 3))
     yield corners_in_view(rng, 0, False), NO_PRIOR, R, p, np.ones((2, 0), dtype=bool), 5, 1e-2, 1e6
     yield corners_in_view(rng, 2, True), PRIOR, np.full_like(R, np.nan), p, np.ones((2, 2), dtype=bool), 9, 1e-2, 1e6
@@ -198,7 +198,7 @@ def _search_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         of = np.tile(np.arange(count), 2)
         for uncertain in (False, True):
             for prior in (NO_PRIOR, PRIOR):
-                # Nothing, one and all of the landmarks where the map has them.
+                # None, one and all of the landmarks at their places in the map.
                 corners = landmarks_in_view(rng, count, uncertain, 5e-4)
                 if count > 2:
                     corners.rays[[0, count]] += 0.05
@@ -244,7 +244,7 @@ def _covariance_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 def _lasting_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
-    """Landmarks that were seen before and others, places that are new, observations left out."""
+    """Landmarks that were seen before and others, new places, and observations left out."""
     for corners, _, R, p, all_used in _covariance_calls(rng):
         S = len(corners)
         for N, used in ((6, all_used), (9, np.arange(S) % 2 == 0)):
@@ -274,7 +274,7 @@ def _wheel_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     for count in (2, 3, 40):
         times = np.cumsum(rng.uniform(0.01, 0.2, count))
         rows = WheelRows(times, *(0.1 * rng.normal(size=(2, count))), *rng.uniform(0, 1, (2, count)))
-        # In the order of time, back and forth, on rows, and before and after all of them.
+        # Times in order and out of order, at rows, and before and after all rows.
         at = (
             np.linspace(-1, times[-1] + 1, 7),
             rng.uniform(0, times[-1], 6),
@@ -367,7 +367,7 @@ def _square_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 def bundle_in_view(rng: np.random.Generator, poses: int, landmarks: int, observations: int, size: float) -> Bundle:
-    """Rig poses near the origin and landmarks a few meters before them; with a large size in any order."""
+    """Rig poses near the origin and landmarks a few meters in front of them; large sizes are in any order."""
     return Bundle(
         rng.integers(poses, size=observations), rng.integers(landmarks, size=observations),
         rng.integers(3, size=observations),
@@ -388,7 +388,7 @@ def _bundle_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
 
 
 def _sums(bundle: Bundle, cameras: int, moving: bool) -> tuple[list[np.ndarray], Sums]:
-    """Zeros to be added to, with ``cameras`` unknown beside the first, between one other unknown and the swelling."""
+    """Zeros to add to, with ``cameras`` unknown besides the first, between one other unknown and the swelling."""
     own, numbers = 1 + 6 * cameras + SIZE, np.minimum(bundle.mount, cameras)
     N, m = len(bundle.p), own + (6 * len(bundle.p_landmark) if moving else 0)
     pattern, place = BlockPattern.of_pairs(bundle.at, bundle.of, N, own, 6)
@@ -408,7 +408,7 @@ def _bundle_sums(add: Callable[..., float]) -> Callable[..., Any]:
 
 
 def _face_sums(add: Callable[..., None]) -> Callable[..., Any]:
-    """Result of a function that adds the part of the faces."""
+    """Result of the function that adds the equations of the swelling of faces."""
 
     def run(bundle: Bundle, used: np.ndarray, cameras: int, moving: bool, noise: float) -> tuple[Any, ...]:
         pattern, place = BlockPattern.of_pairs(bundle.at, bundle.of, len(bundle.p), 0, 6)
@@ -424,7 +424,7 @@ def _face_sums(add: Callable[..., None]) -> Callable[..., Any]:
 def _outward_calls(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     yield from _bundle_calls(rng)
     bundle = bundle_in_view(rng, 5, 3, 20, 1.0)
-    # A face that is a point, to the last bit; a lens that maps all to a line.
+    # A face that is exactly a point; a lens that maps everything to a line.
     rays, by_ray, arms, point = bundle.rays.copy(), bundle.by_ray.copy(), bundle.arms.copy(), bundle.of == 0
     rays[point], by_ray[point], by_ray[~point], arms[0] = 0.0, 400 * np.eye(2), 1.0, 0.0
     yield (replace(bundle, rays=rays, by_ray=by_ray, arms=arms),)

@@ -50,7 +50,7 @@ from lmkit.kernels.shadow_edge import shadow_direction, shadow_direction_numpy
 
 
 def drawing_with(rings: int) -> Drawing:
-    """A drawing of so many rings with four gaps each, all between the same eight lines, as the families have them."""
+    """A drawing with this number of rings, each with four gaps between the same eight lines, as in the families."""
     lines = [(np.cos(a), np.sin(a), 0.0) for a in np.arange(8) * np.pi / 8]
     lines += [(np.cos(a), np.sin(a), -10.0) for t in range(4) for a in np.arange(3) * 2 * np.pi / 3 + t * np.pi / 6]
     gaps = [(r, 2 * k, 1 - 2 * (k > 1), 2 * k + 1, 1 - 2 * (k % 2)) for r in range(rings) for k in range(4)]
@@ -230,7 +230,7 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
         yield smooth, None, 5, from_steps
         yield smooth, None, 5, from_steps._replace(darker=-0.02)
         yield (plane + rng.normal(0, 3, plane.shape)).clip(0, 255).astype(np.uint8), None, 5, from_steps
-    # A sheet of which something dark covers a corner, and one that a shadow's edge cuts: their margins are strips.
+    # A sheet with a dark object over a corner, and one that a shadow's edge cuts: their margins are strips.
     for cut in (x + y < 66, 0.2 * x + y < 66):
         u, v = np.abs(x - 80.3) + 0.04 * y, np.abs(y - 60.2) - 0.05 * x
         plane = 60 + 130 * ((u < 40) & (v < 34)) - 120 * ((u < 33) & (v < 27))
@@ -239,7 +239,7 @@ def _quads(rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
     yield np.zeros((1, 1), np.uint8), None, 7, rules
     yield np.full((3, 200), 9, np.uint8), None, 7, rules
     yield (np.indices((40, 40)).sum(axis=0) % 2 * 255).astype(np.uint8), None, 7, rules
-    # Cells of the image before it was halved, and of one that was halved once more; odd sizes.
+    # Cells of the image before it was halved, and of an image halved once more; odd sizes.
     for shape, halvings, level in (((61, 79), 1, 2), ((15, 19), -1, 0)):
         yield smooth, rng.integers(0, 2, shape).astype(np.uint8), 7, rules, halvings, level
 

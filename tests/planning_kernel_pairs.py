@@ -132,7 +132,7 @@ def change_calls(rng: np.random.Generator) -> Calls:
 
 
 def changed_coverage(change: Callable[..., Any]) -> Callable[..., Any]:
-    """Gain of a change, and all arrays afterwards; it comes and goes again."""
+    """Gain of a change, and all arrays afterwards; the change is made and undone."""
 
     def run(start: tuple[Any, ...], rows: np.ndarray, answer: np.ndarray, shown: np.ndarray, sign: int, apply: bool):
         coverage = Coverage(start[0].copy(), start[1].copy(), *start[2:])

@@ -13,10 +13,10 @@ LONGEST_S = 300.0
 
 
 def written_once(factory: pytest.TempPathFactory, name: str, write: Callable[[Path], object]) -> Path:
-    """The folder of that name; the worker that comes first writes it, and the others wait until it is done.
+    """The folder of that name; the first worker writes it, and the others wait until it is complete.
 
     Args:
-        name: the same in all workers, and of nothing else.
+        name: the same in all workers, and used for nothing else.
         write: writes into the folder.
     """
     base = factory.getbasetemp()

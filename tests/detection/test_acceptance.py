@@ -1,4 +1,4 @@
-"""The score of acceptance: what speaks for and against a landmark, strictness, and confidence."""
+"""The score of acceptance: terms for and against a landmark, strictness, and confidence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lmkit.detection.config import DetectOptions
 from lmkit.detection.detector import best_of_each_place, candidates_of, detect_landmarks
 from lmkit.simulation.cameras import HELD_OUT_KINDS, draw_chain
 
-# (wrong code and false square, landmarks) that may be among so many images of cameras that nothing was trained on.
+# Allowed (wrong codes and false squares, landmarks) in this number of images, by cameras of no training set.
 IMAGES, MOST_WRONG, LEAST_READ = 24, 0, 20
 
 
@@ -76,7 +76,7 @@ def test_a_rejection_names_the_worst_term(reading):
 
 
 def test_no_reading_is_surer_than_its_code_against_the_next_one(reading):
-    """However well all else fits: where plain and robust weights read two codes, the margin is 0."""
+    """If plain and robust weights give two codes, the margin is 0, however well everything else fits."""
     for margin in (0.0, 1.0):
         tie = changed(reading, code_margin=margin)
         assert tie.log_odds <= margin

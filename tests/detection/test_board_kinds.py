@@ -29,7 +29,7 @@ KINDS = (
 
 
 def off_of(board, view, size):
-    """(N,) distances of the corners that are found from where they are, px."""
+    """(N,) distances of the found corners from their true places, px."""
     H = onto(board, view)
     seen = detect_board(seen_at(board, H, size, np.random.default_rng(3)), board)
     assert seen is not None

@@ -15,7 +15,7 @@ ENERGY = st.floats(0.1, 50.0)
 
 @st.composite
 def decoded(draw) -> Decoded:
-    """A result of a kernel; another code leaves more, or by robust weights a little less."""
+    """A result of a kernel: another code has a larger residual, or, with robust weights, a slightly smaller one."""
     left = draw(ENERGY)
     more = [left * draw(st.floats(0.9, 3.0)) for _ in range(3)]
     turn, code = draw(st.integers(0, 1)), draw(st.integers(0, 1))
@@ -45,7 +45,7 @@ def test_nothing_by_robust_weights_is_no_code():
 
 
 def test_a_ground_that_is_extrapolated_to_less_than_black_is_promising():
-    """The generous blur that a fit starts with does so in sharp images of much contrast."""
+    """The large blur that a fit starts with has this effect in sharp images of high contrast."""
     inks = np.array([[1.6, 1.5, 1.5], [-0.2, -0.1, 0.3], [0.05, -0.1, -0.1], [1.0, 1.0, 1.0]])
     parts = 2 + LM8.gap_count
     found = Decoded(0, 1, 1.0, 3.0, 5.0, 9.0, inks, 10.0, 0.0, np.zeros(parts), np.ones(parts))

@@ -1,4 +1,4 @@
-"""Laws of detection: what must not change the answer, and what must not be found."""
+"""Laws of detection: changes of the image that must not change the answer, and objects that must not be found."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_extreme_images_hold_nothing_and_break_nothing(image):
 
 
 def test_covariance_is_as_large_as_the_errors(photographs):
-    """Normalized squared errors of the corners over many draws average to their number, within a factor."""
+    """The mean NEES of the corners over many draws is their number of coordinates, within a factor."""
     ratios = []
     for seed in range(12):
         rng = np.random.default_rng(100 + seed)
@@ -130,7 +130,7 @@ def test_covariance_is_as_large_as_the_errors(photographs):
 
 
 def test_turning_a_landmark_permutes_its_gaps():
-    """The reader's hypotheses against the drawing itself, turned by the image library."""
+    """The hypotheses of the decoder compared with the drawing, rotated by the image library."""
     size = 180
     pattern = LandmarkPattern(LM8)
     centers = (np.arange(size) + 0.5) / size * 180 - 90
@@ -173,10 +173,10 @@ def test_displacement_is_that_of_the_lens_up_to_an_affine_map():
 
 
 def test_repeated_nested_and_overlapped_landmarks_are_each_read_as_what_they_are():
-    """A code twice, one on the ground of another, and one over the corner of another, which is then not read."""
+    """A code twice, one landmark inside another, and one over the corner of another, which is then not read."""
     image = np.full((300, 420, 3), 110, dtype=np.uint8)
     for code, side, x, y in ((52, 60, 70, 60), (52, 60, 170, 60), (200, 160, 300, 130), (77, 24, 300, 170)):
-        put_print(image, code, side, x, y)  # the nested one is less sure than the one around it
+        put_print(image, code, side, x, y)  # the inner landmark has a lower confidence than the outer one
     for code, x, y in ((137, 70, 180), (90, 130, 215)):
         put_print(image, code, 76, x, y)
     found = detect_landmarks(cv2.GaussianBlur(image, (0, 0), 0.7))

@@ -1,4 +1,4 @@
-"""The compiled fit of a landmark is the one that is written down step by step."""
+"""The compiled fit of a landmark agrees with its definition, step by step."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_doubtful_code_is_compared_with_rivals_that_are_fitted_too(monkeypatch
 @needs_library
 @pytest.mark.parametrize(("family", "bar_ends_px", "code"), [("lm8", 17, 128), ("lm8", 24, 0), ("lm12", 17, 0)])
 def test_a_gap_that_an_object_makes_is_doubted(monkeypatch, family, bar_ends_px, code):
-    """A bar of the ground's color, from outside up to the outer ring or across it, where a closed gap of lm8 is."""
+    """A bar in the color of the ground, from outside up to the outer ring or across it, at a closed gap of lm8."""
     margins = []
 
     def both(*arguments):
@@ -104,7 +104,7 @@ def test_a_gap_that_an_object_makes_is_doubted(monkeypatch, family, bar_ends_px,
 
 @pytest.mark.parametrize(("spread_px2", "is_margin_seen"), [(0.01, True), (1.0, False)])
 def test_pixels_that_show_what_is_behind_the_paper_are_not_taken(spread_px2, is_margin_seen):
-    """A margin of 1.1 px ends within the point spread of its pixels; the wall would pull at the edges."""
+    """A margin of 1.1 px is narrower than the point spread of its pixels; the wall would shift the edges."""
     image, family = LinearImage.of(np.full((60, 60, 3), 200, np.uint8)), family_named("lm8")
     corners = np.array([[20.5, 20.5], [40.5, 20.5], [40.5, 40.5], [20.5, 40.5]])
     state = np.zeros(STATE)
@@ -117,6 +117,6 @@ def test_pixels_that_show_what_is_behind_the_paper_are_not_taken(spread_px2, is_
     ("turn", "code", "goes_on"), [(100.0, 0.1, True), (10.0, 2.0, True), (10.0, 0.1, False), (3.0, 50.0, False)]
 )
 def test_a_landmark_that_is_clear_but_for_its_code_goes_on_to_all_pixels(turn, code, goes_on):
-    """Few of a large landmark's first pixels lie in its gaps: they may leave one of them open."""
+    """Few of the first pixels of a large landmark lie in its gaps, so one gap may stay undecided."""
     seen = SimpleNamespace(turn_margin=turn, code_margin=code)
     assert Decoding.is_settled.fget(seen) is goes_on

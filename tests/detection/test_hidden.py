@@ -12,7 +12,7 @@ from simulated import shoot
 from lmkit.detection.detector import detect_landmarks
 
 COVERS = {
-    # In shares of the landmark's box; all gap positions are left clear.
+    # As shares of the landmark's box; all gap positions stay visible.
     "corner": [[0.55, -0.3], [1.3, -0.3], [1.3, 0.45]],
     "corner and a piece of the side": [[0.1, -0.3], [0.1, 0.25], [-0.4, 0.25], [-0.4, -0.3]],
 }
@@ -21,7 +21,7 @@ COVERS = {
 @pytest.mark.parametrize("color", [15, 200])
 @pytest.mark.parametrize("name", COVERS)
 def test_the_square_is_completed_and_read(name, color):
-    """Dark things merge with the border: without completion only 5 of 8 of the second kind are read."""
+    """Dark objects merge with the border: without completion, only 5 of 8 of the second kind are read."""
     read = 0
     for seed in range(8):
         image, corners = shoot(100 + seed, 36, 4.0 * seed, 20.0, seed=seed)
@@ -34,7 +34,7 @@ def test_the_square_is_completed_and_read(name, color):
 
 
 def test_a_corner_behind_something_that_joins_the_square_to_its_surroundings_is_completed():
-    """The square's outline runs on around the sheet; the white margin's, that of a strip, has the square's sides."""
+    """The square's outline continues around the sheet; the outline of its margin, a strip, has the square's sides."""
     read = 0
     for seed, (side, gray) in product(range(6), ((36, 120), (50, 83))):
         image, corners = shoot(60 + seed, side, 5.0 * seed, 15.0, seed=seed)
@@ -55,7 +55,7 @@ def over_a_gap(code: int, color: tuple[int, int, int], seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize(("open_gap", "color"), [(1, (225, 225, 225)), (0, (120, 110, 70)), (0, (30, 30, 30))])
 def test_a_patch_over_a_gap_makes_no_other_code(open_gap, color):
-    """Bright over an open gap it is taken for the ring, dark over the ring for a gap."""
+    """A bright patch over an open gap is taken for the ring, a dark one over the ring for a gap."""
     for seed in range(6):
         code = 21 + 17 * seed | open_gap << 7
         code = code if open_gap else code & 127

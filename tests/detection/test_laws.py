@@ -1,4 +1,4 @@
-"""Laws that detection must obey whatever the image: turned, cropped, enlarged, recolored, malformed."""
+"""Laws that detection must obey for every image: rotated, cropped, enlarged, recolored, malformed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_every_code_turn_size_and_blur(code, side_px, turn_deg, blur_px, tilt_de
 
 
 def test_small_landmarks_do_not_shrink():
-    """Rings look smaller through blur; unless the model knows, sides of 18 px come out 0.1 px short."""
+    """Blur makes rings look smaller; a model without this effect gives sides of 18 px 0.1 px too short."""
     off = []
     for k in range(8):
         image, corners = shoot(17 + 29 * k, 18.0, 10.0, 10.0, ImagingChain(Lens(0.7), sensor=Sensor(20000, 2)), k)
@@ -51,7 +51,7 @@ def test_small_landmarks_do_not_shrink():
 
 @pytest.mark.parametrize(("side_px", "bayer"), [(18.0, True), (50.0, True), (18.0, False)])
 def test_upright_corners_err_as_they_say(side_px, bayer):
-    """A color mosaic spoils small upright landmarks far more than noise does; without one they say so, too."""
+    """A color mosaic moves small upright landmarks far more than noise; stated errors hold with and without it."""
     squared, stated = [], []
     for k in range(12):
         chain = ImagingChain(Lens(0.7), sensor=Sensor(6000, 8, bayer=bayer))
@@ -66,7 +66,7 @@ def test_upright_corners_err_as_they_say(side_px, bayer):
 
 
 def test_corners_of_cameras_that_process_more_err_more_and_say_so():
-    """With one error for all cameras the stated errors differ by a seventh."""
+    """With the same error for all cameras, the stated errors differ by a seventh."""
     nees, stated = [], []
     for development in (Development(), Development(sharpen=1.5, denoise=0.4, jpeg_quality=85)):
         squared, variances = [], []
@@ -133,7 +133,7 @@ def test_gray_images_hold_none_and_are_known_as_such():
 
 
 def test_mirrored_landmarks_are_not_read_as_themselves():
-    """A mirror makes another code or none; a code whose gaps mirror into themselves may stay."""
+    """A mirrored landmark has another code or none; a code with symmetric gaps may stay the same."""
     for code in (0b10110001, 0b00011100, 0b01100010):
         image, _ = shoot(code, 60.0)
         assert all(d.code != code for d in detect_landmarks(np.ascontiguousarray(image[:, ::-1])))
@@ -151,7 +151,7 @@ def test_a_known_lens_straightens_the_edges():
 
 @pytest.mark.parametrize("side_px", [35.0, 50.0])
 def test_a_lens_that_nobody_knows_is_found_in_a_few_steps(side_px):
-    """Steps of a fit end before it is found if an unknown distortion moves the corners, too."""
+    """If an unknown distortion also moved the corners, the steps of a fit would end before they find it."""
     K = np.array([[140.0, 0, 119.5], [0, 140.0, 89.5], [0, 0, 1]])
     camera = CameraModel(SIZE, K, np.array([-0.22, 0.06, 0.0, 0.0, 0.0]))
     far = 140 * 0.18 / side_px
@@ -211,7 +211,7 @@ def test_odd_sizes_are_searched(size):
 @pytest.mark.slow
 @pytest.mark.parametrize("profile", PROFILES)
 def test_all_that_are_in_view_are_read(profile, photographs):
-    """No cap: 64 landmarks of 30 px in one image."""
+    """No limit on their number: 64 landmarks of 30 px in one image."""
     rng = np.random.default_rng(0)
     image = cv2.resize(photographs[0], (640, 480), interpolation=cv2.INTER_CUBIC)
     codes = []
@@ -254,7 +254,7 @@ def test_the_patterns_slopes_are_its_differences(code, quarter, sxx, correlation
         assert np.abs((ahead - behind) / 0.1 - jets[1 + k]).max() < 2e-3
 
 
-# The scoreboard: least share of 24 read, on scenes that no threshold was set on.  A figure may only rise.
+# Least number read of 24, on scenes that set no threshold.  A figure may only rise.
 SCOREBOARD = {
     "side 14": (14.0, 0.0, ImagingChain(), 21),
     "side 18, tilt 45": (18.0, 45.0, ImagingChain(), 22),

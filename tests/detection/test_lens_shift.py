@@ -1,4 +1,4 @@
-"""The map of a known lens is interpolated, and still that of the lens."""
+"""The interpolated map of a known lens agrees with the lens."""
 
 from __future__ import annotations
 

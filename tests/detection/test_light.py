@@ -1,4 +1,4 @@
-"""The light of an image: shadows, their edges found again, and how much its pixels count."""
+"""The light of an image: shadows and their edges, and the noise of its pixels."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_large_window_finds_the_same_white_in_a_halved_image():
     white = white_within(levels, box, window)
     whole = white_within(levels[:1], box, window)
     assert white.shape == whole.shape == (277, 380)
-    # A halved image shows the step between the lights within its pixels of four.
+    # In a halved image, one pixel contains the step between the two lights.
     step = np.abs(np.arange(21, 401) - 199.5) < 10
     assert np.allclose(white[:, ~step], whole[:, ~step], rtol=0.01)
     bright, dark = whole[0, 0], whole[0, -1]
@@ -93,7 +93,7 @@ def test_a_shadows_edge_is_found_again(angle, offset, ratio, seed):
     edge = ShadowEdge.fit(at, light, np.ones(len(at)))
     drawn = np.where(at @ edge.normal > edge.offset, edge.lights[1], edge.lights[0])
     wrong = np.abs(np.log(drawn / np.where(behind, 0.6 / ratio, 0.6))) > 0.1
-    # Five degrees between two directions that are tried, half of them at most, over half the width.
+    # Directions 5 deg apart are tried, so the error is at most half of that, over half the width.
     assert wrong.mean() < 0.04
 
 
@@ -122,7 +122,7 @@ def test_light_written_to_one_image_is_not_in_the_next_though_its_memory_is_used
 
 
 def test_pixels_are_weighted_by_the_noise_and_by_one_code_value_at_least():
-    """Enlarged and smoothed images have next to none, and edges would all be outliers."""
+    """Enlarged and smoothed images have almost no noise, and all edges would be outliers."""
     grain = np.random.default_rng(1).normal(size=(120, 160, 3))
     for noise in (0.0, 0.3, 4.0):
         grainy = np.round(128 + noise * grain).astype(np.uint8)
@@ -147,7 +147,7 @@ def test_the_shift_of_all_pixels_is_left_out_where_no_square_is_registered(monke
 
 
 def test_displaced_colors_do_not_move_corners():
-    """Red and blue stand 0.25 px beside green, as far from the middle of many lenses."""
+    """Red and blue are displaced by 0.25 px from green, as far from the center of many lenses."""
     errors = []
     for seed in range(6):
         photos = [

@@ -1,4 +1,4 @@
-"""Windows around expected squares: what is found there is what the whole image shows."""
+"""Windows around expected squares: detections there agree with those of the whole image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading other families: each by its own name, two in one image, and none by another's."""
+"""Reading other families: each by its own name, two in one image, and none as a member of another family."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A quick look at squares: white around a dark border, in light and in shadow."""
+"""Screening of squares: white around a dark border, in light and in shadow."""
 
 import cv2
 import numpy as np

@@ -68,7 +68,7 @@ def test_reads_code_and_corners(family: str) -> None:
 
 
 def test_errors_that_all_channels_share_count_once() -> None:
-    """Noise of the same size in all channels: its own in each, or one for all; in an image that is not gray."""
+    """Noise of equal size in all channels, independent or the same in each, in an image that is not gray."""
     clean, rng = photograph("tag36h11", 11, noise=0.0) * (0.9, 1.0, 0.95), np.random.default_rng(4)
     own, shared = rng.normal(0, 3, clean.shape), rng.normal(0, 3, (*clean.shape[:2], 1))
     stated = []
@@ -243,7 +243,7 @@ def test_families_that_resemble_more_must_be_clearer() -> None:
 
 @pytest.mark.parametrize("side", [131, 180, 232, 315, 430, 655, 930])
 def test_pixels_of_a_large_marker_lie_in_every_cell(side: int) -> None:
-    """Rows are looked through in regular steps, some of which would leave out whole cells."""
+    """Rows are sampled at regular steps, and some steps would leave out whole cells."""
     width = 2 * (side // 2) + 260
     image = LinearImage.of(np.full((width, width, 3), 128, np.uint8))
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -256,7 +256,7 @@ def test_pixels_of_a_large_marker_lie_in_every_cell(side: int) -> None:
 
 
 def test_a_fit_moves_though_hardly_anything_is_known_of_the_blur_across_the_edges() -> None:
-    """Edges along the axes do not show how blur along x goes with blur along y."""
+    """Edges along the axes do not determine the covariance of the blur along x and y."""
     side, finer = 400, 2
     rng = np.random.default_rng(3)
     marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 5, 8)

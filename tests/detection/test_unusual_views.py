@@ -1,4 +1,4 @@
-"""Codes that stand twice, overlap, lie within one another, are mirrored or shown on a screen: right or not read."""
+"""Codes that appear twice, overlap, are nested, mirrored or shown on a screen: read right or not at all."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_mirrored_landmark_is_its_mirrored_code():
 
 
 def on_a_screen(code: int, side_px: float, pixels: int, angle_deg: float, seed: int) -> np.ndarray:
-    """A landmark shown by so many screen pixels a side: stripes of three colors, dark lines between the rows."""
+    """A landmark on a screen, with ``pixels`` a side: stripes of three colors, dark lines between the rows."""
     face = cv2.resize(sheet(code, LM8), (pixels, pixels), interpolation=cv2.INTER_AREA)
     screen = np.zeros((6 * pixels, 6 * pixels, 3), np.float32)
     for channel in range(3):

@@ -1,4 +1,4 @@
-"""Another board than the one given is named as what it is, and a right one never refused."""
+"""If the images show another board than the one given, the message names it; a right board is never refused."""
 
 from __future__ import annotations
 

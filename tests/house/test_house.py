@@ -1,4 +1,4 @@
-"""The house: nothing heavy is loaded early, and the docs name what exists."""
+"""House rules: no heavy module is loaded early, and the docs name what exists."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_help_loads_nothing_heavy(arguments):
 
 
 def test_no_address_is_taken_of_an_array_that_nobody_holds():
-    """It is freed before the kernel reads it: ``addresses(np.empty(3))``."""
+    """A temporary array is freed before the kernel reads it: ``addresses(np.empty(3))``."""
     found = [
         f"{path.name}:{call.lineno}"
         for path in MODULES
@@ -56,7 +56,7 @@ def test_no_address_is_taken_of_an_array_that_nobody_holds():
 
 
 def test_reading_a_map_loads_no_scipy():
-    """Its import takes longer than `lmkit locate` does without it."""
+    """The import of this module takes longer than `lmkit locate` without it."""
     code = "import sys\nimport lmkit.io.external_maps\nsys.exit('scipy' in sys.modules)\n"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
@@ -184,7 +184,7 @@ def names_of(path: Path) -> set[str]:
 
 
 def test_scripts_import_names_that_exist():
-    """No test runs benchmarks, tools and decisions: a name that moved would be noticed only by their next user."""
+    """No test runs benchmarks, tools and decisions: only their next user would notice a name that moved."""
     modules = {
         ".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p
         for p in PACKAGE.rglob("*.py")

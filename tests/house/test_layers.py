@@ -29,7 +29,7 @@ ROWS = read_rows()
 
 
 def imported(path: Path) -> set[str]:
-    """Modules of lmkit that a file imports, wherever the import stands."""
+    """Modules of lmkit that a file imports, at the top or inside functions."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:

@@ -50,7 +50,7 @@ def test_one_job_at_a_time_needs_no_worker(monkeypatch):
 
 
 def test_the_second_job_tells_what_the_rest_costs(monkeypatch):
-    """The first one also loads what all of them need."""
+    """The first job also loads the modules that all jobs need."""
     clock = iter([0.0, 9.0, 9.0, 9.1])
     monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
     assert {process for _, process in parallel.map_in_processes(answer, range(9))} == {os.getpid()}
@@ -100,7 +100,7 @@ def test_a_bad_bound_is_refused(monkeypatch, text):
 
 
 def test_workers_do_not_run_the_caller_s_script_again(monkeypatch):
-    """A script without ``if __name__ == "__main__"`` would start anew in each worker."""
+    """A script without ``if __name__ == "__main__"`` would run again in each worker."""
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "script.py", raising=False)
     monkeypatch.setattr(SpawnProcess, "_Popen", lambda process: get_preparation_data("worker"))
     prepared = worker_processes.WorkerContext.Process._Popen(None)
@@ -171,7 +171,7 @@ def is_alive(pid: int) -> bool:
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows has no signal masks")
 def test_workers_start_with_interrupts_held(monkeypatch):
-    """One that came amid a worker's imports left a traceback; the worker lets them in when it has begun."""
+    """A signal during a worker's imports left a traceback; now workers accept signals only after their start."""
 
     def blocked() -> bool:
         return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -1,4 +1,4 @@
-"""Libraries are built for this machine, chosen by content and processor; numpy computes where there is none."""
+"""Libraries are built for this machine and chosen by content and processor; without one, numpy computes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ has_compiler = pytest.mark.skipif(next(build.compilers(), None) is None, reason=
 
 
 def kernels_copy(folder: Path) -> Path:
-    """Parts that every library has, without the kernels: quickly built."""
+    """The files that every library contains, without the kernels; they compile quickly."""
     copy = folder / "kernels"
     copy.mkdir()
     for name in ("build.py", "cpu.c", "built.c", "cpu_features.h", "kernels.h"):

@@ -14,7 +14,7 @@ STEP_PX = 1e-3
 
 
 def test_a_shift_explains_nothing_that_inks_could():
-    """With a mixed-pixel bias the inks are not quite the best: chi2 fell below 0 once, and a covariance with it."""
+    """With a mixed-pixel bias the inks are not quite optimal: chi2 once fell below 0, and with it a variance."""
     rng = np.random.default_rng(0)
     drawing, samples, state, hypothesis = _landmark(rng, 2, 400, False)
     dark = 0.05 * samples.values + rng.normal(0, 0.01, samples.values.shape)

@@ -1,4 +1,4 @@
-"""A landmark's residuals tell which colors its pixels saw."""
+"""The residuals of a landmark show which colors its pixels measured."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ COLOR = {0: "RGGB", 1: "GRBG", 2: "GBRG", 3: "BGGR"}  # of the four cells, by th
 
 
 def _is_measured(red: int) -> np.ndarray:
-    """(4,3) whether a cell's pixel saw blue, green and red."""
+    """(4,3) whether the pixel of a cell measured blue, green and red."""
     return np.array([[color == bgr for bgr in "BGR"] for color in COLOR[red]])
 
 
 def _weights(error_of_interpolated: np.ndarray, red: int) -> np.ndarray:
-    """(4,3) weights for curved edges on which interpolated values are so far off, in terms of the curvature."""
+    """(4,3) weights for curved edges where interpolated values err by this multiple of the curvature."""
     rng = np.random.default_rng(5)
     across, down = rng.normal(0, 3, (2, 800, 3))
     error = np.where(_is_measured(red)[CELLS], 0, error_of_interpolated * (across + down) / 2)
@@ -29,7 +29,7 @@ def _weights(error_of_interpolated: np.ndarray, red: int) -> np.ndarray:
 @pytest.mark.parametrize("red", range(4))
 @pytest.mark.parametrize("blurs", [True, False])
 def test_interpolated_values_count_little_wherever_red_is(red, blurs):
-    """Interpolation errs by the curvature itself, or by as much to either side."""
+    """The error of interpolation is the curvature itself, or the curvature with a random sign."""
     error = np.ones((800, 3)) if blurs else np.random.default_rng(6).choice([-1.0, 1.0], (800, 3))
     weights = _weights(error, red)
     assert weights[_is_measured(red)].min() > 0.99

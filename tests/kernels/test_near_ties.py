@@ -1,4 +1,4 @@
-"""Squares of one landmark that are moved to one place: the one that fitted better before stands for all."""
+"""Squares of one landmark that are moved to the same place: the one that fitted better before represents all."""
 
 from __future__ import annotations
 

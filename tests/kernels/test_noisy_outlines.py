@@ -1,4 +1,4 @@
-"""Outlines begin at steps that stand out of the image's own changes: noise begins few, squares in it are found."""
+"""Outlines begin at steps larger than the usual changes of an image: noise starts few, and squares are found."""
 
 import numpy as np
 import pytest

@@ -38,7 +38,7 @@ def doubled(argument: Any) -> Any:
 def test_compiled_equals_numpy(pair: Pair, seed: int):
     for arguments in pair.arguments(np.random.default_rng(seed)):
         with np.errstate(all="ignore"):
-            # What must agree in every bit is single precision itself.
+            # Kernels whose results must agree in every bit compute in single precision.
             given = arguments if pair.tolerance == 0 else tuple(map(doubled, arguments))
             ours, defined = arrays(pair.compiled(*arguments)), arrays(pair.numpy(*given))
         assert len(ours) == len(defined)
@@ -76,7 +76,7 @@ def test_gradients_are_those_of_differences(equations, uncertain, prior):
             for sign in (1, -1)
         )
         slope = -(ahead - behind) / (4 * step)
-        # The landmark's own derivative moves with the pose, too; that is of second order in what does not fit.
+        # The landmark's own derivative also changes with the pose, which is of second order in the residuals.
         tolerance = 1e-5 if not uncertain else 0.02
         np.testing.assert_allclose(slope, gradient[:, k], atol=tolerance * np.abs(gradient).max())
 

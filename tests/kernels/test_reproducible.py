@@ -17,7 +17,7 @@ from scenes import paste_landmark
 from lmkit.kernels import build, load
 
 DETECT = "from lmkit.cli.main import main; main()"
-# Numpy computes in double precision; where a step is just small enough to be the last one, it may take one more.
+# Numpy computes in double precision; if a step is just small enough to be the last one, numpy may take one more.
 NUMPY_PX, STEP_PX = 1e-4, 1e-3
 
 

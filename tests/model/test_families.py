@@ -1,4 +1,4 @@
-"""The families: which words they use, and how far those lie apart."""
+"""The families: their codewords, and the distances between these."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SUMS = {
 
 
 def test_the_words_stay_what_was_printed():
-    """Printed paper outlives software: these sums may never change."""
+    """Prints are used longer than software: these checksums may never change."""
     sums = {name: hashlib.sha256(repr(family.words).encode()).hexdigest()[:12] for name, family in FAMILIES.items()}
     assert sums == SUMS
 

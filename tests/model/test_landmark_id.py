@@ -1,4 +1,4 @@
-"""Ids of landmarks: as text, in order, and bare codes only where one family is in play."""
+"""Ids of landmarks: as text, in order, and bare codes only if there is one family."""
 
 from __future__ import annotations
 

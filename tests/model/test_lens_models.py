@@ -1,4 +1,4 @@
-"""Every row of LENS_MODELS: projection, derivatives, kernels, files and calibration all know the model."""
+"""Every row of LENS_MODELS: projection, derivatives, kernels, files and calibration support the model."""
 
 from __future__ import annotations
 

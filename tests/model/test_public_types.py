@@ -90,7 +90,7 @@ def test_a_landmark_on_a_wall_faces_the_room_upright():
     pose = wall_pose([1.0, 0.0, 1.5], np.pi / 2)  # on the wall y = 0, looking along +y
     assert np.allclose(pose.R[:, 2], [0, 1, 0])
     assert np.allclose(pose.R[:, 1], [0, 0, 1])
-    # Who looks at it looks along -y and has -x on the right.
+    # A viewer looks along -y and has -x on the right.
     assert np.allclose(pose.R[:, 0], [-1, 0, 0])
 
 

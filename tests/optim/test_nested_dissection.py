@@ -16,7 +16,7 @@ from lmkit.optim.nested_dissection import dissect, solve_by_dissection
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 150), st.integers(1, 3), st.integers(2, 12))
 def test_it_solves_as_the_dense_equations_do(seed, count, size, width):
-    """Landmarks along a corridor, of which each recording sees some that are near each other; gaps part them."""
+    """Landmarks along a corridor; each recording sees some that are near each other, and gaps divide the corridor."""
     rng = np.random.default_rng(seed)
     H, b = np.zeros((size * count, size * count)), np.zeros(size * count)
     keys: dict[tuple[int, int], np.ndarray] = {}
@@ -35,7 +35,7 @@ def test_it_solves_as_the_dense_equations_do(seed, count, size, width):
 
 
 def test_many_landmarks_are_summed_and_solved_without_the_dense_matrix(monkeypatch):
-    """Summed in several rounds, to the dense solution of the same recordings."""
+    """Sums made in several rounds give the dense solution of the same recordings."""
     rng = np.random.default_rng(3)
     seen = [rng.permutation(np.arange(a, a + 12)) for a in rng.integers(0, 188, 300)]
     parts = [(rows, np.cov(rng.normal(size=(24, 60))), rng.normal(size=24)) for rows in seen]

@@ -1,4 +1,4 @@
-"""The simulated recording itself: what its sensors say of its truth."""
+"""The simulated recording: its sensors compared with its truth."""
 
 import numpy as np
 

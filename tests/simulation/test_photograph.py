@@ -1,4 +1,4 @@
-"""Every step of the imaging chain against what it is meant to do."""
+"""Every step of the imaging chain compared with its specification."""
 
 from __future__ import annotations
 

@@ -33,6 +33,6 @@ def test_rendered_cameras_see_the_landmarks_of_the_scene():
         found = next(o for o in seen if o.code == landmark.code)
         corners = next(o for o in true if o.code == landmark.code).corners
         assert 0 < np.abs(found.corners - corners).max() < 0.5
-    # Between two images there is nothing; after the pause there is.
+    # Between two images there is no new image; after the pause there is one.
     assert see(10.2, T) == ((), ())
     assert [o.code for o in see(10.6, T)[0]] == [o.code for o in exact[0]]

@@ -1,6 +1,6 @@
-"""Defects planted in scans of sheets, each named by the right line; good sheets left in peace.
+"""Defects planted in scans of sheets, each named by the right line; good sheets have no finding.
 
-Simulated: pypdfium2 draws the sheet, OpenCV spoils and scans it; benchmarks/prints.py does more of it.
+Simulated: pypdfium2 draws the sheet, OpenCV damages and scans it; benchmarks/prints.py has more cases.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def test_mirroring_twice_changes_nothing(family):
 
 
 def photograph(stretch: float) -> np.ndarray:
-    """(1200,1000,3) the whole sheet, aslant, its drawing shrunk on the same paper."""
+    """(1200,1000,3) the whole sheet, tilted, with its drawing shrunk on the same paper."""
     height, width = sheet(CODE).shape[:2]
     A = np.array([[stretch, 0, (1 - stretch) * width / 2], [0, stretch, (1 - stretch) * height / 2]])
     paper = cv2.warpAffine(sheet(CODE), A, (width, height), borderValue=(1.0, 1.0, 1.0))
@@ -143,7 +143,7 @@ def test_a_photograph_takes_its_scale_from_the_sheets_edges(stretch, grade):
 
 
 def test_a_cameras_dots_per_inch_are_not_believed(lmkit, tmp_path):
-    """Cameras write 72 dpi, or 300, and how they exposed; scanners do not."""
+    """Cameras write 72 or 300 dpi and exposure data; scanners do not."""
     photo = Image.fromarray(np.clip(photograph(1.0) * 250, 0, 255).astype(np.uint8))
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0x829A] = 0.01
@@ -233,7 +233,7 @@ def test_measured_sizes_go_into_the_map(lmkit, tmp_path):
 
 
 def test_a_bank_card_beside_the_landmark_gives_the_scale():
-    """The sheet's edges are out of view; a light card lies on the print's white, under the landmark."""
+    """The sheet's edges are out of view; a light card lies on the white of the print, below the landmark."""
     shrink = 0.975
     photo = cv2.warpAffine(
         sheet(CODE),

@@ -1,4 +1,4 @@
-"""Grades of printed square markers: planted defects named by the right line, good sheets left in peace."""
+"""Grades of printed square markers: planted defects are named by the right line, good sheets have no finding."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def curved(share: float) -> np.ndarray:
 
 
 def photograph(stretch: float) -> np.ndarray:
-    """(1000,800,3) the whole sheet, aslant, its drawing stretched on the same paper."""
+    """(1000,800,3) the whole sheet, tilted, with its drawing stretched on the same paper."""
     height, width = sheet().shape[:2]
     A = np.array([[stretch, 0, (1 - stretch) * width / 2], [0, stretch, (1 - stretch) * height / 2]])
     paper = cv2.warpAffine(sheet(), A, (width, height), borderValue=(0.96,) * 3)

@@ -1,4 +1,4 @@
-"""Tables of reports: numbers apart from words, few things with many figures upright, names that are no markup."""
+"""Tables of reports: numbers and words are aligned apart, wide tables are transposed, and names are escaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words in plans cover neither each other nor what they name."""
+"""Labels in plans cover neither each other nor the objects that they name."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_lines_are_cut_at_the_rim():
 
 
 def test_codes_stay_on_their_side_and_clear_of_the_legend():
-    """Landmarks face out of the plan at its lower rim, and dense ones stand along a wall."""
+    """Landmarks at the lower edge of the plan face outward, and landmarks along a wall are dense."""
     landmarks = [
         MappedLandmark(LandmarkId("lm8", k), 0.18, wall_pose([0.1 * k, 0.0, 1.0], np.deg2rad(-90))) for k in range(20)
     ]

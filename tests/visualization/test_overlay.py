@@ -1,4 +1,4 @@
-"""Words and outlines on images can be read at every size."""
+"""Labels and outlines on images are readable at every size."""
 
 from __future__ import annotations
 
