@@ -1,4 +1,4 @@
-"""Types show themselves in one line, as a user of a notebook reads them; examples in docstrings show the results."""
+"""The repr of each type is one line, for users of notebooks; examples in docstrings show the results."""
 
 from __future__ import annotations
 

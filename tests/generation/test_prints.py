@@ -78,7 +78,7 @@ def test_the_label_is_selectable_and_says_what_it_is():
 
 @pytest.mark.parametrize("code", [0, 137, 255])
 def test_the_drawing_is_what_the_reader_expects(code):
-    """Printing and reading were written apart (paths against formulas); here they must agree."""
+    """Printing and reading are separate code (paths and formulas); here they must agree."""
     size = 720
     rgb = np.asarray(page_to_image(bare_landmark_page(LM8, code, 180.0), size / 180 * 25.4), dtype=float)
     centers = (np.arange(size) + 0.5) / size * 180 - 90
@@ -90,7 +90,7 @@ def test_the_drawing_is_what_the_reader_expects(code):
     expected = (inks @ np.array([WHITE, RED, BLUE, WHITE], dtype=float)).reshape(size, size, 3)
     # Over cells of 1 mm, so that two methods of smoothing edges do not count.
     off = np.abs((rgb - expected).reshape(180, 4, 180, 4, 3).mean(axis=(1, 3)))
-    off = off[1:-1, 1:-1]  # at its very edge the page ends, the model's paper does not
+    off = off[1:-1, 1:-1]  # at its edge the page ends, but the paper of the model does not
     assert off.max() < 25
     assert off.mean() < 0.5
 

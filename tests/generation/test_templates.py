@@ -27,7 +27,7 @@ from lmkit.verification.proof import prove_pages
 
 DPI = 200
 PER_MM = DPI / 25.4
-TOO_LARGE = ("a0", "a1")  # they differ from a2 by their figures only
+TOO_LARGE = ("a0", "a1")  # they differ from a2 in their sizes only
 ROUNDING_MM = 2 / PER_MM  # a rasterizer may snap each edge to a whole pixel; test_prints measures finer
 CODES = list(range(40, 49))
 
@@ -57,7 +57,7 @@ def red_span_mm(rgb: np.ndarray, low: float, high: float) -> float:
 
 
 def _named(names):
-    """Layouts that another paper has as well are slow tests."""
+    """Layouts that exist for another paper, too, are slow tests."""
     again = [name for name in names if name.startswith("letter-") and name.replace("letter", "a4", 1) in names]
     return [pytest.param(name, marks=pytest.mark.slow if name in again else ()) for name in names]
 
@@ -102,7 +102,7 @@ def test_every_page_knows_the_spot_color_of_its_cutting_line():
     pdf = pypdfium2.PdfDocument(pages_to_pdf(pages_of("sticker-100"), "stickers"))
     for page in pdf:
         red, green, blue = np.moveaxis(page.render(scale=1).to_numpy()[..., 2::-1].astype(int), -1, 0)
-        assert np.sum((red > green + 50) & (blue > green + 50)) > 500  # magenta: else plotters find nothing to cut
+        assert np.sum((red > green + 50) & (blue > green + 50)) > 500  # magenta: plotters find the cut by it
 
 
 def test_qpdf_finds_nothing_wrong(tmp_path):

@@ -60,7 +60,7 @@ def decoded(color, icc, kind="PNG", mode="RGB"):
         (P3, (117, 251, 76), (0, 255, 0)),
         (profile("Adobe RGB (1998)", ADOBE_RGB, (563 / 256,)), (219, 0, 0), (255, 0, 0)),
         (P3, (128, 128, 128), (128, 128, 128)),
-        (profile("sRGB IEC61966-2.1", DISPLAY_P3), (234, 51, 35), (234, 51, 35)),  # by its name: nothing to do
+        (profile("sRGB IEC61966-2.1", DISPLAY_P3), (234, 51, 35), (234, 51, 35)),  # by its name: no conversion
     ],
     ids=["red", "green", "Adobe RGB", "gray", "sRGB"],
 )
@@ -89,7 +89,7 @@ def test_photographs_in_heic_keep_their_profile(tmp_path):
 
 
 def test_an_image_is_the_same_in_every_profile():
-    """In Display P3 as in sRGB, to rounding."""
+    """Equal in Display P3 and in sRGB, to rounding."""
     rng = np.random.default_rng(1)
     linear = rng.uniform(0.05, 0.6, (10, 20, 3))
     to_p3 = (

@@ -1,4 +1,4 @@
-"""Rig and map files survive a round trip, and whatever is wrong in one is named with its key."""
+"""Rig and map files survive a round trip, and errors in them are named with their key."""
 
 from __future__ import annotations
 

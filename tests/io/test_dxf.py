@@ -131,7 +131,7 @@ def test_blocks_are_placed_turned_scaled_and_repeated(tmp_path):
     space.add_blockref("OUTER", (5.01e5, 6.01e5), dxfattribs=place)
     document.layers.get("FURN").off()
     assert without_curves(tmp_path, document) == sorted([*ROOMS, 0.2, 0.2])
-    document.layers.get("DOOR").off()  # what is on layer 0 in a block is on the block's layer
+    document.layers.get("DOOR").off()  # an entity on layer 0 of a block has the layer of the block
     document.layers.get("FURN").on()
     assert without_curves(tmp_path, document) == sorted([*ROOMS, 0.014, 0.014])
     document.layers.get("DOOR").freeze()

@@ -26,7 +26,7 @@ def test_maps_come_back(tmp_path):
 
 
 def test_correlations_that_a_tagslam_file_loses_are_seen():
-    """Standard deviations along the landmark's own axes come through; a covariance of another shape does not."""
+    """Standard deviations along the landmark's own axes are kept; a covariance of another shape is not."""
     first, *_ = make_drive(0, seconds=3).landmarks
     turn = np.kron(np.eye(2), first.T_map_landmark.R)
     own = np.diag([1e-6, 4e-6, 9e-6, 1e-6, 1e-6, 1e-5])
@@ -39,7 +39,7 @@ def test_correlations_that_a_tagslam_file_loses_are_seen():
 
 @pytest.mark.parametrize("key", ["tags", "field-tags"])
 def test_a_field_tag_without_rotation_looks_along_x(tmp_path, key):
-    """WPILib: a tag's x points out of its face; ours is z."""
+    """In WPILib, a tag's x axis points out of its face; in lmkit, it is z."""
     pose = {
         "translation": {"x": 1.0, "y": 2.0, "z": 0.5},
         "rotation": {"quaternion": {"W": 1.0, "X": 0.0, "Y": 0.0, "Z": 0.0}},

@@ -1,4 +1,4 @@
-"""Sentences about values of files: none of pydantic's own, none of Python's."""
+"""Messages about values of files contain no text of pydantic or Python."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_value_is_named_with_its_fault(tmp_path, value, expected):
     with pytest.raises(ValidationError) as caught:
         Model.model_validate(value)
     assert first_problem(caught.value) == expected
-    if expected != ("pair[1]", "missing"):  # a layout says how many values there are
+    if expected != ("pair[1]", "missing"):  # a layout states the number of values
         assert problem_in_file(tmp_path, value) == expected
 
 

@@ -45,7 +45,7 @@ def test_lines_are_walls_with_two_sides(tmp_path):
 def test_whoever_faces_a_wall_sees_its_left_end_on_the_left(tmp_path):
     for wall in two_rooms(tmp_path).walls:
         out = np.array([np.cos(wall.facing_rad), np.sin(wall.facing_rad)])
-        right_hand = np.array([-out[1], out[0]])  # of someone who looks against it
+        right_hand = np.array([-out[1], out[0]])  # as seen by someone who faces the wall
         assert wall.along @ right_hand == pytest.approx(1.0)
 
 
@@ -190,7 +190,7 @@ def test_curves_of_svg_are_left_out_where_asked_for(tmp_path):
 
 
 def test_an_open_outer_door_counts_as_shut(tmp_path):
-    """The table is closed, but no room; and not every piece of the door's arc has a name in drawings."""
+    """The table is closed, but is no room; and not every piece of the door's arc has a name in drawings."""
     path = tmp_path / "floor.svg"
     lines = "M0 30 V80 H120 V0 H0 V12 M0 30 A18 18 0 0 1 18 12"
     table = "M60 40 h10 v6 h-10 z"

@@ -1,4 +1,4 @@
-"""Documents made to harm, or harmed on their way: refused by name, quickly, and never with another exception."""
+"""Malicious or damaged documents are refused by name, quickly, and never with another exception."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ FOREIGN = re.compile(
 
 
 def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
-    """Harm texts ``count`` times and read them; whatever else than an answer or InputError is raised goes through.
+    """Damage texts ``count`` times and read them; exceptions other than InputError are not caught.
 
     Returns:
         numbers of texts read and refused.
@@ -123,7 +123,7 @@ def fuzz(folder: Path, count: int, seed: int) -> dict[str, int]:
 
 
 def _harmed(name: str, text: str, rng: random.Random) -> str:
-    """Pieces of a text changed, or single values of what it describes."""
+    """Pieces of a text changed, or single values of its content."""
     if rng.random() < 0.6:
         return harm_text(text, rng)
     if name.endswith((".csv", ".tum")):

@@ -1,4 +1,4 @@
-"""Images of several cameras are put together by their names where those tell; times are never invented."""
+"""Images of several cameras are grouped by their names where possible; times are never invented."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ NS = [1403636579763555584 + k * 50_000_000 for k in range(4)]
             4,
         ),
         (["IMG_0101.jpg", "IMG_0102.jpg"], ["DSC_0877.jpg", "DSC_0878.jpg"], ("IMG_0101.jpg", "DSC_0877.jpg"), 2),
-        # Counters of two cameras that overlap by chance do not tell.
+        # Counters of two cameras that overlap by chance do not group images.
         ([f"{k}.png" for k in range(1, 6)], [f"{k}.png" for k in range(4, 9)], ("1.png", "4.png"), 5),
     ],
 )

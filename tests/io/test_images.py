@@ -1,4 +1,4 @@
-"""The door for pixels: what is let in, and what is turned away with which words."""
+"""Reading of images: which files are accepted, and with which message others are refused."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def test_a_tagslam_bodys_own_pose_is_applied(tmp_path):
 
 
 def test_the_format_key_is_parsed_not_searched_for(tmp_path):
-    """A file that only mentions a format, or gives it last, is what its own key says."""
+    """A file that only mentions a format, or states it last, has the format of its own key."""
     ours = yaml.safe_load(map_to_yaml(LANDMARKS))
     path = file(tmp_path, {key: ours[key] for key in ("landmarks", "frame", "format")} | {"bodies": []})
     with pytest.raises(InputError, match="bodies: unknown key"):
@@ -168,7 +168,7 @@ def test_a_map_in_millimeters_is_refused_and_what_may_be_meant_is_named(tmp_path
     with pytest.raises(InputError, match="are its lengths millimeters") as refused:
         read_any_map(path)
     assert refused.value.code == "implausible_map" and "1000" in refused.value.hint
-    # Inches, and a wide yard on the ground.
+    # A map in inches, and a wide yard with landmarks near the ground.
     for maybe in (scaled(39.37), scaled(1000, height=0.001)):
         with pytest.warns(InputWarning, match="inches or millimeters"):
             read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(maybe))))

@@ -80,11 +80,11 @@ def test_a_rig_comes_back_from_kalibr(model, tmp_path):
     shift=st.tuples(st.floats(-0.5, -0.03), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)),
 )
 def test_ros_files_hold_any_relation_of_the_cameras(turn, shift, tmp_path_factory):
-    """They have no place for it: it is worked out of the rectification."""
+    """These files have no key for the relative pose; it is computed from the rectification."""
     made = replace(rig(), T_right_left=Pose.from_rvec("right", "left", np.array(turn), np.array(shift)))
     assert_same(
         read_any_rig(write(tmp_path_factory.mktemp("ros") / "x", "ros", made)), made, 2e-5
-    )  # OpenCV drops turns of 1e-5
+    )  # OpenCV drops rotations of 1e-5
 
 
 def test_cameras_above_each_other_survive_ros(tmp_path):
@@ -96,7 +96,7 @@ def test_cameras_above_each_other_survive_ros(tmp_path):
 
 
 def test_opencv_reads_its_file_itself(tmp_path):
-    """And the rectification in it is what cv2.stereoRectify says."""
+    """The rectification in the file agrees with cv2.stereoRectify."""
     made = rig()
     path = write(tmp_path / "x", "opencv", made)
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)

@@ -1,4 +1,4 @@
-"""Rigs as ROS, OpenCV, Kalibr and OpenVINS users have them, and rigs that no camera can be."""
+"""Rigs as users of ROS, OpenCV, Kalibr and OpenVINS have them, and impossible rigs."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def test_what_map_servers_do_not_agree_on_is_refused(tmp_path, keys, code):
 
 
 def test_a_pgm_as_map_saver_writes_it(tmp_path):
-    """With its comment, and thresholds as YAML of nav2 has them."""
+    """With the comment and the thresholds of YAML files of nav2."""
     head = b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n%d %d\n255\n" % SAVED.shape[::-1]
     (tmp_path / "map.pgm").write_bytes(head + SAVED.tobytes())
     floor = read_floor(

@@ -152,7 +152,7 @@ def test_paths_lie_where_another_reader_puts_them():
             for share in (0.0, 1.0):
                 point = np.array([*segment.point(share)], dtype=float)
                 assert np.linalg.norm(ours - point, axis=1).min() < 1e-6, data
-            # Between, the line is at most the sagitta of a step away.
+            # Between the ends, the curve is at most one sagitta of a step away from the line.
             point = np.array([*segment.point(0.37)], dtype=float)
             assert distance_to(ours, point) < 0.2, data
 

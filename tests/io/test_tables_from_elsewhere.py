@@ -32,7 +32,7 @@ def write(folder, text: str | bytes):
         "\ufeff" + TUM.replace("\n", " \r\n"),
         TUM.replace(" ", ","),
         "timestamp tx ty tz qx qy qz qw\n" + TUM,
-        # w first, by a header of spaces; columns after the pose, of OpenVINS and RTAB-Map; a spreadsheet's commas
+        # w first, by a header with spaces; columns after the pose (OpenVINS, RTAB-Map); commas of a spreadsheet
         "# made by hand\n# timestamp tx ty tz qw qx qy qz\n" + W_FIRST,
         "timestamp,x,y,z,qw,qx,qy,qz\n" + W_FIRST.replace(" ", ","),
         "# timestamp(s) tx ty tz qx qy qz qw Pr11 Pr12\n" + TUM.replace("\n", " 0.1 0.2\n"),

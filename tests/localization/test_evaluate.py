@@ -1,4 +1,4 @@
-"""Trajectory errors: equal to evo's (by hand, its formulas written out), and laws."""
+"""Trajectory errors: equal to those of evo (its formulas are written out here), and laws."""
 
 from __future__ import annotations
 

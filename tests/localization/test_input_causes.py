@@ -1,4 +1,4 @@
-"""Cameras that contradict each other, readings that contradict the map: the cause is named; sound ones have none."""
+"""Cameras that contradict each other, readings that contradict the map: the cause is named; valid input has none."""
 
 from __future__ import annotations
 

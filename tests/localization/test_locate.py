@@ -71,7 +71,7 @@ def test_the_covariance_is_true(count):
     rng = np.random.default_rng(count)
     options = LocateOptions(corner_floor_px=1e-3)
     draws, total = 300, 0.0
-    # From aside: head-on, the tilt of a lone landmark is a square root of what is seen, not a line.
+    # Seen from the side: head-on, the tilt of a single landmark does not depend linearly on its corners.
     station = looking(np.array([1.2, 1.2, 1.3]), -np.pi / 2 - 0.75, 0.02)
     for _ in range(draws):
         seen = see(station, 0.2, rng, LANDMARKS[:3][-count:])
@@ -170,7 +170,7 @@ def test_a_far_landmark_alone_in_one_camera_is_called_ambiguous():
 
 
 def test_a_heading_resolves_what_one_far_landmark_leaves_open():
-    """From 4 m, head-on, one camera: two poses.  A gyro and a level floor tell which; no wrong one is called ok."""
+    """From 4 m, head-on, one camera: two poses.  A gyro and a level floor decide; no wrong pose is `ok`."""
     rng = np.random.default_rng(5)
     station = looking(np.array([-1.2, 3.6, 1.45]), -np.pi / 2 + 0.4, 0.0)
     heading = float(np.arctan2(station.R[1, 2], station.R[0, 2]))
@@ -283,7 +283,7 @@ def test_the_same_code_twice_in_an_image_is_not_used_and_named():
 
 
 def test_the_covariance_of_the_base_is_that_of_draws():
-    """Carried over by its formula, and by moving 4000 draws of the camera's pose."""
+    """The covariance of the base, by the formula and by 4000 draws of the camera's pose."""
     from lmkit.geometry.rotations import rotation_exp
     from lmkit.model.estimate import PoseEstimate
 
@@ -330,7 +330,7 @@ def test_landmarks_of_two_families_with_the_same_code_are_two_landmarks():
     ],
 )
 def test_a_prior_that_the_images_contradict_is_named_and_left_out(prior, words):
-    """It pulled the pose by 13 cm, and 2 of 5 landmarks became outliers."""
+    """With the wrong prior, the pose was shifted by 13 cm, and 2 of 5 landmarks became outliers."""
     seen = see(looking(np.array([0.3, 2.5, 1.2]), -np.pi / 2, 0.0), 0.1, np.random.default_rng(6), LANDMARKS)
     free = locate_rig(seen, RIG, MAP)
     found = without_contradicted_prior(LocateOptions(prior=prior), partial(locate_rig, seen, RIG, MAP))

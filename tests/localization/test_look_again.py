@@ -1,4 +1,4 @@
-"""Landmarks that a pose expects are looked for once more, and nothing else stands for them."""
+"""Landmarks that a pose expects are searched once more, and no other code is taken for them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ UPRIGHT = np.diag([1.0, -1.0, -1.0])
 
 @pytest.fixture(scope="module")
 def frame() -> tuple[FrameImage, list]:
-    """An image of two landmarks, and what is read in it."""
+    """An image of two landmarks, and the detections in it."""
     panels = tuple(
         Panel(Pose("map", "sheet", UPRIGHT, np.array([*at, 1.1])), (0.21, 0.21), sheet(code, LM8))
         for code, at in PLACES.items()
@@ -74,7 +74,7 @@ def test_only_the_expected_code_at_the_expected_place_stands(monkeypatch, frame,
 
 
 def test_what_is_expected_needs_less_evidence(monkeypatch, frame):
-    """With the limit of `--eager`: a reading that would not stand by itself stands where the pose expects it."""
+    """The limit is that of `--eager`: a reading that would not be accepted alone is accepted where it is expected."""
     limits = []
 
     def detect(pixels, options, near):

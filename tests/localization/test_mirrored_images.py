@@ -1,4 +1,4 @@
-"""Mirrored images read as other codes; a map tells, and the images are refused by name."""
+"""Mirrored images give other codes; a map shows this, and the images are refused by name."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_mirrored_frames_give_no_pose_and_are_named(drive, way):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_honest_recordings_are_not_mirrored(seed):
-    """Nor are those whose map knows the mirrored codes as well, and few of their own."""
+    """Images are not called mirrored if the map also contains the mirrored codes and few of the true ones."""
     drive = make_drive(seed, seconds=8)
     mapped = list(drive.landmarks)
     others = {mirrored_id(m.id): m for m in mapped}

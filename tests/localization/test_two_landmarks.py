@@ -50,7 +50,7 @@ def test_exact_readings_give_the_pose_back(x, y, heading, bx, by):
     pose = locate_by_two(place_a, place_b, ra, rb, ta, tb)
     assert (pose.x_m, pose.y_m) == pytest.approx((x, y), abs=1e-5)
     assert math.remainder(pose.heading_rad - heading, 2 * math.pi) == pytest.approx(0, abs=1e-4)
-    # What the readings hold beyond the pose, and the paper never uses: the triangle closes.
+    # A check that the paper never uses: the triangle of the readings closes.
     assert ra**2 + rb**2 - 2 * ra * rb * math.cos(tb - ta) == pytest.approx(u @ u)
 
 
@@ -152,7 +152,7 @@ def test_two_ranges_leave_two_places():
 
 @given(st.floats(-1.5, 3.5), st.floats(-3, 1.8), st.floats(-3.1, 3.1))
 def test_bearings_alone_give_the_pose(x, y, heading):
-    """Anywhere but near the circle through the three landmarks, where resection fails for everybody."""
+    """Anywhere except near the circle through the three landmarks, where resection has no solution."""
     places = {c: LANDMARKS.find(lm8(c)).T_map_landmark.t[:2] for c in (1, 2, 3)}
     one, two, three = places.values()
     D = 2 * np.linalg.det([two - one, three - one])

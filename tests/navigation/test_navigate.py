@@ -1,4 +1,4 @@
-"""A simulated robot arrives, or stops and says why; it never claims to be where it is not."""
+"""A simulated robot arrives, or stops and says why; it never claims an arrival wrongly."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def off(robot):
 
 
 def test_at_the_goal_with_a_loose_heading_it_says_so(world, monkeypatch):
-    """The place is known to millimeters, the heading not to what is demanded of it."""
+    """The position is known to millimeters, but the heading is less accurate than required."""
     monkeypatch.setattr("lmkit.navigation.navigator.MOST_GOES", 1)
     floor, landmarks, coverage = world
     start = np.array([GOAL.x_m, GOAL.y_m, 0.0])

@@ -1,4 +1,4 @@
-"""The view that would tell most of an uncertain landmark, and whether it then does."""
+"""The most informative next view of an uncertain landmark, and whether it is informative."""
 
 from dataclasses import replace
 
@@ -21,12 +21,12 @@ def codes_seen(drive):
 def survey(drive, frames):
     sizes = {m.id: m.size_m for m in drive.landmarks}
     anchors = {code: Anchor(drive.landmarks.find(code), None) for code in codes_seen(drive)[:6]}
-    # A landmark that most of its views are taken from looks like one that is read now and then.
+    # A landmark without most of its views looks like one that is rarely read.
     return survey_frames(frames, drive.rig, sizes, anchors, keep_doubtful=True)
 
 
 def with_few_far_views_of(drive, code):
-    """The recording, with but the two smallest views of a landmark."""
+    """The recording, with only the two smallest views of a landmark."""
     sides = {}
     for k, frame in enumerate(drive.frames):
         for o in frame.seen[0]:
@@ -51,7 +51,7 @@ def test_the_view_that_is_proposed_does_what_it_promises():
         view = next_view(uncertain, before.bundle, drive.rig)
         assert view is not None
         assert view.then_m < 0.7 * view.place_m or view.then_rad < 0.7 * view.turn_rad
-        # Taken as proposed, with what it says is in view.
+        # Taken as proposed, with the landmarks that it states as in view.
         rig, T = replace(drive.rig, T_base_left=Pose.identity("base", "left")), view.T_map_left
         rng = np.random.default_rng(seed)
         while True:
@@ -71,7 +71,7 @@ def test_no_view_is_proposed_where_the_whole_map_errs_alike():
     bundle = survey(drive, drive.frames).bundle
     code = next(iter(bundle.landmarks)).id
     count = len(bundle.landmarks)
-    # All of them are off by the same 0.1 m, and hardly by anything else.
+    # All landmarks are off by the same 0.1 m, and by little else.
     common = np.kron(np.ones((count, count)), np.diag([0.01, 0.01, 0.01, 0, 0, 0])) + 1e-8 * np.eye(6 * count)
     mapped = [replace(m, covariance=common[:6, :6]) for m in bundle.landmarks]
     alike = replace(bundle, landmarks=type(bundle.landmarks)(mapped), joint=common)

@@ -81,14 +81,14 @@ def test_what_is_promised_allows_for_a_missed_landmark(tmp_path):
     sights = find_sights(states, list(mounted_every(floor, 0.7)), RIG, floor)
     expected = expected_errors(sights, states, RIG)[0]
     promised = promised_errors(sights, states, RIG)
-    # All of them read tells a little more than each read now and then; one of them missed, less.
+    # All landmarks read give slightly more information than each read sometimes; with one missed, less.
     assert (promised > 0.97 * expected).all()
     assert promised.sum() > expected.sum()
     assert (promised < 3 * expected).all()
 
 
 def test_what_is_promised_is_kept_in_simulation(tmp_path):
-    """Landmarks at the edge of being read count too: some draws miss one, some two."""
+    """Landmarks at the limit of recognition count, too: some draws miss one, some two."""
     floor = two_rooms(tmp_path)
     landmarks = LandmarkMap([replace(m, size_m=0.1) for m in mounted_every(floor, 0.8)])
     rng = np.random.default_rng(5)
@@ -103,7 +103,7 @@ def test_what_is_promised_is_kept_in_simulation(tmp_path):
     both = np.isfinite(found) & np.isfinite(promised)
     assert both.mean() > 0.9
     ratio = np.sqrt(np.mean(found[both] ** 2) / np.mean(promised[both] ** 2))
-    # A little too much: of single landmarks that are read, `locate` leaves out the worst as ambiguous.
+    # Slightly too much: `locate` reports the worst poses by single landmarks as ambiguous.
     assert 0.5 < ratio < 1.1
 
 
@@ -115,7 +115,7 @@ def test_places_rank_as_simulated_ones_do(tmp_path):
     states = np.column_stack([places[rng.integers(len(places), size=50)], rng.uniform(-np.pi, np.pi, 50)])
     expected = expected_errors(find_sights(states, list(landmarks), RIG, floor), states, RIG)[0]
     errors = [simulated(floor, landmarks, s, k, 6) for k, s in enumerate(states)]
-    # The middle: few draws, of which one may miss a landmark.
+    # The median: of few draws, one may miss a landmark.
     found = np.array([np.median(off) if len(off) > 2 else 1e3 for off in errors])
     assert spearmanr(np.minimum(expected, 1e3), found).statistic > 0.85
 
@@ -139,7 +139,7 @@ def test_a_floor_without_landmarks_is_blind_and_one_uncertain_place(tmp_path):
     assert "0 landmarks in view, pose unknown" in str(uncertain[0])
     at_times = str(replace(uncertain[0], error_m=0.094))
     assert "landmarks read in fewer than half of the images, position error 9.4 cm" in at_times
-    # Uncertain is what the demand asks for in vain: here a second landmark.
+    # Uncertain where the requirement is not met: here a second landmark is missing.
     one = [on_wall(floor.walls[0], 1.0, 9)]
     uncertain = failing_places(predict_coverage(floor, one, RIG, RADIUS_M), replace(EASY, in_view=2))
     assert sum(place.area_m2 for place in uncertain) > 10
@@ -157,7 +157,7 @@ def test_what_is_placed_holds_the_demand_and_no_wall_that_must_stay_bare(tmp_pat
     assert again.covered(EASY).mean() > EASY.share - 0.05
     assert placed.share >= EASY.share
     assert placed.landmarks.find(lm8(9)) is mounted[0]
-    # None of them is there for nothing, at the places that the search looked at.
+    # Every landmark is needed at some place that the search used.
     for mount in placed.mounts:
         others = [m for m in placed.landmarks if m is not mount.landmark]
         assert predict_coverage(floor, others, RIG, RADIUS_M).covered(EASY).mean() < EASY.share + 0.02
@@ -175,12 +175,12 @@ def test_of_several_sizes_and_heights_none_is_larger_than_it_has_to_be(tmp_path)
     assert {m.size_m for m in mounted} <= set(sizes)
     assert len({m.size_m for m in mounted}) > 1
     assert {float(m.T_map_landmark.t[2]) for m in mounted} <= set(heights)
-    # A smaller one in any place would not do, give or take the margin that the search keeps.
+    # A smaller landmark at any place would not suffice, within the margin of the search.
     for m in mounted:
         for smaller in (size for size in sizes if size < m.size_m):
             others = [replace(one, size_m=smaller) if one is m else one for one in mounted]
             assert predict_coverage(floor, others, RIG, RADIUS_M).covered(EASY).mean() < EASY.share + 0.04
-    # Larger ones from which to choose need no more than one size alone.
+    # With larger sizes to choose from, no more landmarks are needed than with one size.
     alone = place_landmarks(floor, [], RIG, RADIUS_M, EASY, MountingOptions("lm8", (0.12,), heights, swap_s=0.0))
     assert len(mounted) < len(alone.mounts)
     for a, b in combinations(mounted, 2):
@@ -229,7 +229,7 @@ def test_confusable_codes_are_mounted_far_apart():
     assert len({0, *codes}) == 31
     near = [confusable[a, b] for a, b in pairwise(codes)]
     assert not any(near)
-    # Counting up would be mounted 0 and 1, 2 and 3, ... side by side.
+    # Codes in order would put 0 and 1, 2 and 3, ... side by side.
     assert sum(confusable[k, k + 1] for k in range(29)) > 10
 
 
@@ -256,7 +256,7 @@ def test_the_way_leads_through_the_door_and_keeps_its_distance(ground):
 
 
 def test_a_way_past_landmarks_is_worth_a_detour(tmp_path):
-    """Two methods around a wall: the upper one is shorter, along the lower one are mounted landmarks."""
+    """Two routes around a wall: the upper one is shorter, and landmarks are mounted along the lower one."""
     path = tmp_path / "ring.yaml"
     box = "  - {from: [0, 0], to: [8, 0]}\n  - {from: [8, 0], to: [8, 6]}\n  - {from: [8, 6], to: [0, 6]}\n"
     rest = "  - {from: [0, 6], to: [0, 0]}\n  - {from: [1.5, 3], to: [6.5, 3]}\n"
@@ -275,7 +275,7 @@ def test_a_way_past_landmarks_is_worth_a_detour(tmp_path):
 
 
 def test_no_straight_line_leads_through_a_wall(ground):
-    """One meter as the crow flies, over four around the wall."""
+    """One meter in a straight line, over four meters around the wall."""
     route = plan_route(ground, LandmarkMap([]), RIG, RADIUS_M, Goal(2.5, 0.6), Goal(3.5, 0.6), EASY)
     assert route.length_m > 4
     assert route.waypoints[:, 1].max() > 2.6 + RADIUS_M - 0.06
