@@ -26,7 +26,7 @@ from lmkit.kernels.face_swelling import FaceSums
 from lmkit.mapping.bundle_results import Bundle
 from lmkit.mapping.camera_relations import CameraRelations
 from lmkit.mapping.carried_cameras import are_synchronous, carry_frames
-from lmkit.mapping.face_swelling import face_sides, hold_swelling, with_swelling, without_swelling
+from lmkit.mapping.face_swelling import SwellingPrior, hold_swelling, with_swelling, without_swelling
 from lmkit.mapping.motion_rows import (
     LEAST_TO_WEIGH,
     SLIP_SIGMA,
@@ -113,9 +113,9 @@ class BundleProblem:
         self.mapped = list(landmarks)
         self.anchors, self.constraints = dict(anchors), constraints
         self._frames, self._rig = frames, rig
-        self.seen: ObservationArrays | StoredObservations = seen or ObservationArrays.collect(
-            frames, rig, [m.id for m in self.mapped]
-        )
+        observed = seen or ObservationArrays.collect(frames, rig, [m.id for m in self.mapped])
+        self.seen: ObservationArrays | StoredObservations = observed
+        self._swelling_prior = SwellingPrior.of(observed.variance)
         self.lm_R = np.array([m.T_map_landmark.R for m in self.mapped])
         self.lm_p = np.array([m.T_map_landmark.t for m in self.mapped])
         self.arms = np.array([(m.corners_map - m.T_map_landmark.t) @ m.T_map_landmark.R for m in self.mapped])
@@ -278,9 +278,8 @@ class BundleProblem:
         pattern, place = self._pattern()
         cameras = self.relations.unknowns // 6
         sums = FaceSums.zeros(place, self.seen.camera, len(pattern.states), len(self.mapped), cameras)
-        bundle = self._correspondences()
-        now = self.swelling, self.faces, face_sides(bundle)
-        return with_swelling(held, bundle, weights, sums, pattern, self.own, *now), cost
+        swollen = self.swelling, self.faces, self._swelling_prior
+        return with_swelling(held, self._correspondences(), weights, sums, pattern, self.own, *swollen), cost
 
     def find_swelling(self, noise: float, landmarks: FloatArray | None = None) -> None:
         """One step of the face swelling together with all unknowns; solve for the other unknowns again afterwards.
@@ -384,7 +383,7 @@ class BundleProblem:
         sums = self._sums(equations)
         cost = kernel.add_bundle_equations(self._correspondences(), self.used, CAUCHY_SCALE, sums, noise)
         cost += self.relations.add_prior(equations, self._odometry)
-        hold_swelling(equations, self.own - SWELLING)
+        hold_swelling(equations, self.own - SWELLING, self._swelling_prior)
         if not self.landmarks_fixed:
             cost += self._add_anchors(equations)
             for constraint in self.constraints:

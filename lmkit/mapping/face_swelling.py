@@ -10,6 +10,8 @@ odometry and the different distances of the faces determine these parameters.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lmkit.arrays import FloatArray
@@ -19,10 +21,39 @@ from lmkit.mapping.stated_equations import StatedEquations
 from lmkit.optim.block_chain import ChainEquations
 from lmkit.optim.border_blocks import BlockPattern
 
-SIGMA_PX = 0.06  # simulated cameras of five kinds: 0.01 to 0.09 px
+# Prior of cameras whose corners are stated to `STATED_PX` or worse.  What shifts edges also leaves residuals: below,
+# the prior is proportional (decision 66).  The least share allows for prints of the wrong size.
+SIGMA_PX, STATED_PX, LEAST_SHARE = 0.06, 0.12, 1 / 3
 # Of one landmark relative to all, at this side; it falls with the square of the side.
 FACE_SIGMA_PX, FACE_SIDE_PX = 0.018, 30.0
 LEAST_SIDE_PX = 15.0  # smaller faces are treated as this large
+
+
+@dataclass(frozen=True)
+class SwellingPrior:
+    """Standard deviations of the swelling, whose mean is 0.
+
+    Attributes:
+        share: of the standard deviations of cameras with large errors of corners.
+    """
+
+    share: float
+
+    @classmethod
+    def of(cls, variances: FloatArray) -> SwellingPrior:
+        """Prior of a recording with these stated variances (S,) of corners, px^2; 0 is an unknown one."""
+        stated = np.sqrt(np.where(variances > 0, variances, np.inf))
+        middle = float(np.median(stated)) if len(stated) else np.inf
+        return cls(min(max(middle / STATED_PX, LEAST_SHARE), 1.0))
+
+    @property
+    def common_px(self) -> float:
+        """Standard deviation of the swelling of all faces, px."""
+        return SIGMA_PX * self.share
+
+    def faces_px(self, sides: FloatArray) -> FloatArray:
+        """(L,) standard deviation of the swelling of single faces with these sides, px."""
+        return np.asarray(self.share * FACE_SIGMA_PX * (FACE_SIDE_PX / np.maximum(sides, LEAST_SIDE_PX)) ** 2)
 
 
 def without_swelling(bundle: Bundle, swelling: FloatArray, faces: FloatArray) -> FloatArray:
@@ -40,15 +71,10 @@ def face_sides(bundle: Bundle) -> FloatArray:
     return np.asarray(np.bincount(bundle.of, sides, count) / np.maximum(seen, 1))
 
 
-def face_sigmas(sides: FloatArray) -> FloatArray:
-    """(L,) standard deviation of the swelling of single faces with these sides, px."""
-    return np.asarray(FACE_SIGMA_PX * (FACE_SIDE_PX / np.maximum(sides, LEAST_SIDE_PX)) ** 2)
-
-
-def hold_swelling(e: ChainEquations, first: int) -> None:
+def hold_swelling(e: ChainEquations, first: int, prior: SwellingPrior) -> None:
     """Fix the swelling, the shared unknowns from ``first`` on, in equations."""
     rows = np.arange(first, first + SIZE)
-    e.corner[rows, rows] += SIGMA_PX**-2
+    e.corner[rows, rows] += prior.common_px**-2
 
 
 def with_swelling(
@@ -60,7 +86,7 @@ def with_swelling(
     own: int,
     swelling: FloatArray,
     faces: FloatArray,
-    sides: FloatArray,
+    prior: SwellingPrior,
 ) -> StatedEquations:
     """Equations of all unknowns, from equations with fixed swelling.
 
@@ -70,10 +96,10 @@ def with_swelling(
         sums: zeros, of the blocks of ``pattern``.
         own: shared unknowns before the landmarks, the last of which are the swelling of all.
         swelling, faces: (2,), (L,2) px, current values.
-        sides: (L,) px of the landmarks.
+        prior: of both.
     """
     add_face_equations(bundle, weights, sums)
     stated = StatedEquations.of(held, sums, pattern, own)
-    stated.know_faces(faces, face_sigmas(sides))
-    stated.chain.shared_gradient[own - SIZE : own] -= swelling / SIGMA_PX**2
+    stated.know_faces(faces, prior.faces_px(face_sides(bundle)))
+    stated.chain.shared_gradient[own - SIZE : own] -= swelling / prior.common_px**2
     return stated

@@ -27,6 +27,7 @@ class ObservationArrays:
     Attributes:
         at, of: (S,) frame and landmark of each observation.
         rays, by_ray, whitener: (S,4,2), (S,4,2,2), (S,8,8) as of `CameraCorrespondences`.
+        variance: (S,) stated variance of a corner's coordinate, px^2, without the floor; 0 if none is stated.
         mount: (S,) which of the mounted cameras saw it.
         mounted_R, mounted_t: (K,3,3), (K,3) from the rig's left camera into mounted cameras: those of the rig, and
             if they do not expose together, one for each frame.
@@ -38,6 +39,7 @@ class ObservationArrays:
     rays: FloatArray
     by_ray: FloatArray
     whitener: FloatArray
+    variance: FloatArray
     mount: IntArray
     mounted_R: FloatArray
     mounted_t: FloatArray
@@ -75,16 +77,15 @@ class ObservationArrays:
             seen = through_lens(listed, camera.model, CORNER_FLOOR_PX)
             rows += [own[k] for k in seen.kept]
             detections += [listed[k] for k in seen.kept]
-            parts.append((seen.rays, seen.by_ray, seen.whitener))
+            parts.append((seen.rays, seen.by_ray, seen.whitener, seen.variances))
         table = np.array(rows, dtype=np.int64).reshape(-1, 3)
         # Frame by frame: sums over them then stay in the processor's cache.
         order = np.argsort(table[:, 0], kind="stable")
-        rays, by_ray, whitener = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
+        rays, by_ray, whitener, variance = (np.concatenate(column)[order] for column in zip(*parts, strict=True))
         at_frame, of_landmark, by_mount = np.ascontiguousarray(table[order].T)
         R, t = np.array([T.R for T, _ in mounted]), np.array([T.t for T, _ in mounted])
-        arrays = cls(
-            at_frame, of_landmark, rays, by_ray, whitener, by_mount, R, t, np.array([which for _, which in mounted])
-        )
+        cameras_of = np.array([which for _, which in mounted])
+        arrays = cls(at_frame, of_landmark, rays, by_ray, whitener, variance, by_mount, R, t, cameras_of)
         return arrays, [detections[k] for k in order.tolist()]
 
     def only(self, frames: Sequence[int], landmarks: Sequence[int]) -> ObservationArrays:
@@ -98,6 +99,7 @@ class ObservationArrays:
             rays=self.rays[kept],
             by_ray=self.by_ray[kept],
             whitener=self.whitener[kept],
+            variance=self.variance[kept],
             mount=self.mount[kept],
         )
 

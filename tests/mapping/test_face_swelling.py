@@ -10,10 +10,12 @@ from lmkit.kernels.face_swelling import FaceSums, add_face_equations
 from lmkit.kernels.landmark_bundle import errors_of_rays
 from lmkit.mapping import bundle_adjustment
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
+from lmkit.mapping.face_swelling import SwellingPrior
 from lmkit.mapping.survey import solve_recording
 from lmkit.simulation.recording import make_drive
 
 SWELLING_PX = np.array([-0.06, -0.1])
+STATED_PX = 0.12  # by a detector, of corners that such a camera shifts
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,8 @@ def swollen(detection):
     a, b, c, d = detection.corners
     across, down = b - a + c - d, d - a + c - b
     x, y = SWELLING_PX[0] * across / np.linalg.norm(across), SWELLING_PX[1] * down / np.linalg.norm(down)
-    return replace(detection, corners=detection.corners + np.array([-x - y, x - y, x + y, y - x]))
+    off = np.array([-x - y, x - y, x + y, y - x])
+    return replace(detection, corners=detection.corners + off, covariance=STATED_PX**2 * np.eye(8))
 
 
 @pytest.fixture(scope="module")
@@ -147,3 +150,15 @@ def test_a_survey_finds_it(drive, frames):
     known = {m.id: Anchor(m, None) for m in list(drive.landmarks)[:1]}
     solved = solve_recording(frames, drive.rig, {m.id: m.size_m for m in drive.landmarks}, known)
     assert solved.problem.swelling == pytest.approx(SWELLING_PX, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("stated_px", "common_px"),
+    [([0.3, 0.3], 0.06), ([0.06, 0.06, 0.5], 0.03), ([0.01], 0.02), ([0.0, 0.0, 0.01], 0.06), ([], 0.06)],
+)
+def test_the_prior_is_narrower_where_corners_are_exact_and_wide_where_nothing_is_stated(stated_px, common_px):
+    prior = SwellingPrior.of(np.array(stated_px) ** 2)
+    assert prior.common_px == pytest.approx(common_px)
+    assert prior.faces_px(np.array([60.0, 30.0, 15.0, 1.0])) == pytest.approx(
+        0.3 * common_px * np.array([0.25, 1, 4, 4])
+    )
