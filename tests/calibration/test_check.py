@@ -1,4 +1,4 @@
-"""Is an old calibration still true?  Rigs that were bumped, lenses that were turned, rigs left alone."""
+"""Is an old calibration still valid?  Rigs that were bumped, lenses that were turned, and unchanged rigs."""
 
 from __future__ import annotations
 

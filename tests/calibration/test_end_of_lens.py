@@ -1,4 +1,4 @@
-"""Lens models that end inside the image, and what is said of them."""
+"""Lens models that end inside the image, and the warnings about them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Guidance while images are taken: what is kept, what is not and why, and when it ends."""
+"""Guidance while images are taken: which images are kept, which are not and why, and when it ends."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def test_a_rig_that_moved_is_warned_of_with_the_pairs_named(data):
 
 @pytest.mark.slow
 def test_corners_that_err_together_widen_the_intervals(monkeypatch):
-    """A distortion of its own in every image counts by the image; noise of single corners changes nothing."""
+    """Errors that the corners of an image share widen the deviations; independent noise of corners does not."""
 
     def widened(seen):
         sigma = calibrate_stereo(seen, BOARD, (640, 480), "pinhole").baseline_sigma_m
@@ -114,7 +114,7 @@ def test_what_a_turn_of_the_camera_makes_up_for_is_no_uncertainty():
         covariance[index, index] = 1.0 if index < 4 else 1e-4
         return projection_uncertainty(camera, covariance, None)
 
-    # A shift of the principal point by one pixel is a turn; one of the focal length is not.
+    # A shift of the principal point by one pixel is like a rotation; a change of the focal length is not.
     assert np.nanmedian(uncertain(2)) < 0.2
     assert np.nanmax(uncertain(4)[:, [0, -1]]) > 0.3
 
@@ -150,7 +150,7 @@ def test_the_derivatives_are_those_of_finite_differences():
     )
     blocks = problem._normal_equations(
         s, 1e9, _Prior(np.zeros(26), np.zeros((26, 26)))
-    )  # so wide a loss is plain least squares
+    )  # with such a wide loss, this is plain least squares
     gradient = np.concatenate([blocks.shared_gradient.sum(axis=0), blocks.pose_gradient.ravel()])
     for k in range(len(gradient)):
         step = np.zeros(len(gradient))
@@ -164,7 +164,7 @@ def test_the_derivatives_are_those_of_finite_differences():
 
 
 def test_known_intrinsics_are_kept_and_the_rotation_is_surer():
-    """Half boards at one distance leave lenses and rotation open together; known lenses close that."""
+    """Half boards at one distance do not determine lenses and rotation together; with known lenses they do."""
     rig = make_rig()
     half = [PairView(v.name, v.ids_left[:30], v.left[:30], v.ids_right[:30], v.right[:30]) for v in views(8, 0.1)]
     free = calibrate_stereo(half, BOARD, rig.left.image_size, "pinhole")
@@ -184,7 +184,7 @@ def test_known_intrinsics_are_kept_and_the_rotation_is_surer():
 
 
 def test_lenses_known_within_stated_deviations_are_fitted_too():
-    """A narrow prior is the fixed lens, a wide one the free fit; a lens stated 2 sigma off is corrected."""
+    """A narrow prior gives the fixed lens, a wide one the free fit; a lens that is 2 sigma off is corrected."""
     rig = make_rig()
     problem = StereoProblem(BOARD.object_points, views(6, 0.05))
     poses = board_poses(1, rig, BOARD, 6)

@@ -96,7 +96,7 @@ def test_rows_of_rectified_images_match(rig):
     assert flat.left.image_size == flat.right.image_size == (640, 480)
     images = [np.zeros((h, w, 3), dtype=np.uint8) for w, h in (rig.left.image_size, rig.right.image_size)]
     assert {image.shape for image in rectify_pair(rig, *images)} == {(480, 640, 3)}
-    # Most of what the coarser camera sees is in its rectified image.
+    # Most of the coarser camera's field of view is in its rectified image.
     coarse = min((rig.left, flat.left), (rig.right, flat.right), key=lambda pair: pair[0].K[1, 1])
     rays = np.column_stack([coarse[0].unproject(np.array([[319.5, 239.5]])), [1.0]])
     assert np.abs(coarse[1].project(rays) - [319.5, 239.5]).max() < 60

@@ -52,7 +52,7 @@ def test_the_guide_shows_no_ghost_where_no_view_is_wanted():
 
 
 def chessboard(columns=9, rows=6, square=40, margin=60, brightness=220):
-    """A chessboard of so many inner corners on white, (H,W,3)."""
+    """A chessboard with this number of inner corners on white, (H,W,3)."""
     squares = np.add.outer(np.arange(rows + 1), np.arange(columns + 1)) % 2
     board = np.kron(squares, np.ones((square, square))) * (brightness - 20) + 20
     page = np.pad(board, margin, constant_values=brightness).astype(np.uint8)

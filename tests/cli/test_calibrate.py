@@ -180,8 +180,8 @@ def test_capture_reads_both_cameras_side_by_side(lmkit, pairs, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", ["chessboard:8x6:30mm", "chessboard:10x7:30mm"])
 def test_capture_notices_another_board(lmkit, pairs, spec):
-    """A smaller one is found inside the true one without complaint, a larger one never."""
-    for folder in pairs:  # three pairs tell
+    """A smaller board is found inside the true one without a warning, a larger one never."""
+    for folder in pairs:  # three pairs decide
         for k, file in enumerate(sorted(folder.iterdir())):
             image = cv2.resize(cv2.imread(str(file)), (320, 240), interpolation=cv2.INTER_AREA)
             cv2.imwrite(str(file), image) if k < 3 else file.unlink()

@@ -36,7 +36,7 @@ WRITERS = {
 SOON_S = 60.0  # on a busy machine
 WORKING_S = 0.5  # CPU time after which a command has begun its work
 ENDS = (signal.SIGTERM, signal.SIGINT, signal.SIGKILL)
-READ_ONLY = Path("/sys/kernel")  # by permissions a folder is read-only for everyone but root
+READ_ONLY = Path("/sys/kernel")  # permissions make a folder read-only for everyone but root
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_a_full_disk_leaves_nothing(copied, command, monkeypatch):
 @pytest.mark.skipif(not READ_ONLY.is_dir(), reason="needs Linux")
 @pytest.mark.parametrize("command", WRITERS)
 def test_a_read_only_folder_is_refused_before_work_begins(inputs, command, monkeypatch):
-    """Whatever takes long is not reached."""
+    """No slow step is reached."""
     monkeypatch.chdir(inputs)
     words = [str(READ_ONLY / word) if word.startswith("out") else word for word in WRITERS[command].split()]
     begun = time.thread_time()
@@ -162,7 +162,7 @@ def test_signals_leave_all_or_nothing(copied, command, number, monkeypatch):
         text=True,
         start_new_session=True,
     )
-    # A command of one file is met in its work, one of many while it writes.
+    # A command that writes one file gets the signal during its work; one that writes many, while it writes.
     end = time.monotonic() + SOON_S
     while process.poll() is None and time.monotonic() < end:
         if names(copied) - before or (command != "simulate" and cpu_s(process.pid) > WORKING_S):
@@ -170,11 +170,11 @@ def test_signals_leave_all_or_nothing(copied, command, number, monkeypatch):
         time.sleep(0.005)
     process.send_signal(number)
     _, stated = process.communicate(timeout=SOON_S)
-    # Before its first and after its last line Python leaves signals to the system.
+    # Before its first and after its last line, Python leaves signals to the system.
     assert process.returncode in (0, 130, -number, -signal.SIGINT), stated
     assert "internal error" not in stated
     left = sizes(copied, before)
-    if number == signal.SIGKILL:  # what is not finished has another name, and nobody can remove it
+    if number == signal.SIGKILL:  # an unfinished file has another name, and no process is left to remove it
         left = {path: size for path, size in left.items() if path.name[0] != "."}
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
@@ -183,7 +183,7 @@ def test_signals_leave_all_or_nothing(copied, command, number, monkeypatch):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     assert run_command(*words).code == 0
     whole = sizes(copied, before)
-    # A folder of many files that is cut short holds whole ones only.
+    # After an interruption, a folder of many files contains whole files only.
     assert left.items() <= whole.items()
     assert command == "simulate" or left in ({}, whole)
 

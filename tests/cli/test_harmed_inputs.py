@@ -1,4 +1,4 @@
-"""Each command with nothing, one and just enough of each input, and with harmed inputs: answered or refused."""
+"""Each command with none, one and just enough of each input, and with damaged inputs: answered or refused."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def assert_clean(answer, what):
 
 @pytest.mark.slow
 def test_unharmed_inputs_succeed(runnable, inputs):
-    """Otherwise the answers to harmed ones say nothing."""
+    """Otherwise the answers to damaged inputs prove nothing."""
     for case in runnable:
         answer = run_unharmed(case, *inputs)
         assert answer.code == 0, (case.words, answer.err)

@@ -45,7 +45,7 @@ NUMBERS = {"SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory):
-    """One folder for all: nothing may stay behind in it."""
+    """One folder for all runs: no file may remain in it."""
     folder = tmp_path_factory.mktemp("inputs")
     write_inputs(folder, images=False)
     board = BoardSpec.parse("chessboard:9x6:25mm")
@@ -60,7 +60,7 @@ def inputs(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def heard():
-    """Signals as a command on a terminal has them: what runs in a shell's background is deaf to SIGINT."""
+    """Signal handlers as on a terminal: a process in the background of a shell ignores SIGINT."""
     handlers = {number: signal.getsignal(number) for number in NUMBERS.values()}
     signal.signal(signal.SIGTERM, main._terminate)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -70,7 +70,7 @@ def heard():
 
 
 class _Cut:
-    """A file in whose first bytes a signal comes."""
+    """A file that gets a signal while its first bytes are written."""
 
     def __init__(self, stream, number):
         self.stream, self.number = stream, number

@@ -28,7 +28,7 @@ def files(tmp_path):
 
 @pytest.mark.parametrize("names", ["plan place", "plan coverage", "plan route", "plan sheet", "map"])
 def test_every_command_reads_a_drawing_by_the_same_options(names):
-    """A warning of one of them advises options that all of them have to take."""
+    """A warning of one command recommends options that all of these commands must accept."""
     command = typer.main.get_command(build_app())
     for name in names.split():
         command = command.commands[name]
@@ -95,7 +95,7 @@ def test_coverage_prints_uncertain_places_and_draws(lmkit, files, tmp_path):
 
 
 def test_landmarks_of_another_place_are_named(lmkit, files, tmp_path):
-    """None of them counts, which the predicted errors alone would not explain."""
+    """No landmark is counted, and the predicted errors alone would not show this."""
     there = read_map(tmp_path / "map.yaml")
     moved = [replace(m, T_map_landmark=replace(m.T_map_landmark, t=m.T_map_landmark.t + 40)) for m in there]
     (tmp_path / "far.yaml").write_text(map_to_yaml(LandmarkMap(moved)))

@@ -9,7 +9,7 @@ from shared_folders import written_once
 
 
 class Page(HTMLParser):
-    """Rows of its tables, and how many drawings it has."""
+    """Rows of the report's tables, and the number of its drawings."""
 
     def __init__(self, text):
         super().__init__()
@@ -51,7 +51,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
     known = tmp_path / "known.yaml"
     text = (demo / "true_map.yaml").read_text()
     head, *entries = text.split("- code:")
-    # The last of them stood elsewhere before.
+    # The last landmark was at another place before.
     past = f"{entries[2].rstrip()}\n  valid_to: 1.0\n"
     known.write_text(head + "- code:" + "- code:".join([*entries[:3], past]))
     seen = {line.split(",")[3] for line in (demo / "detections.csv").read_text().splitlines()[1:]}
@@ -62,7 +62,7 @@ def test_a_survey_of_the_demo_s_files_finds_the_map(demo, tmp_path):
         "-o", tmp_path / "map.yaml", "--plan", tmp_path / "plan.svg", "--tum", tmp_path / "s.tum", "--json",
         "--report", tmp_path / "s.html", "--wall", f"{one},{never}",
     )  # fmt: skip
-    # What is declared of a landmark that the recording never saw says nothing.
+    # A constraint on a landmark that the recording never saw has no effect.
     assert f"the constraint 'wall {one}, {never}' names landmarks that are not in the map: {never}\n" in done.err
     answer = json.loads(done.out)
     assert {str(entry["code"]) for entry in answer["landmarks"]} >= seen
@@ -181,7 +181,7 @@ def test_a_map_in_the_plane_from_readings(tmp_path):
     found = {m["code"]: np.array(m["position"][:2]) for m in json.loads(done.out)["landmarks"]}
     true = {m.code: m.T_map_landmark.t[:2] for m in drive.landmarks if m.code in found}
     assert len(found) > 10
-    # The map's frame is the robot's first pose: distances between landmarks are what can be compared.
+    # The map's frame is the robot's first pose, so only distances between landmarks can be compared.
     off = [
         np.linalg.norm(found[a] - found[b]) - np.linalg.norm(true[a] - true[b]) for a in found for b in found if a < b
     ]

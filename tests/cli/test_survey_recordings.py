@@ -26,7 +26,7 @@ def days(tmp_path_factory):
 def test_two_days_make_one_map(lmkit, days, tmp_path):
     folder, recordings, site = days
     rig = next(folder.glob("rigs/*/*.yaml"))
-    # One landmark is known, and stood elsewhere until a year ago.
+    # One landmark is known, and was at another place until a year ago.
     one = replace(next(iter(site.maps["hall0"])), covariance=np.eye(6), valid_from_s=MONDAY_S - 365 * DAY_S)
     before = replace(one, valid_from_s=None, valid_to_s=MONDAY_S - 366 * DAY_S)
     (tmp_path / "known.yaml").write_text(map_to_yaml(LandmarkMap([one, before])))

@@ -1,4 +1,4 @@
-"""Files as users have them: the list of reported files, each with its tests, and the tests that stand nowhere else.
+"""Files as users have them: the list of reported files with their tests, and tests that have no other place.
 
 Each row stands for a kind of file that ROS, OpenCV, Kalibr, WPILib, TagSLAM, evo and nav2 users reported.
 """
@@ -165,11 +165,11 @@ def test_ground_truth_with_w_first_is_equal_to_an_estimate_in_ns(folder):
 
 
 def test_a_trajectory_in_ns_becomes_a_bag_or_leaves_nothing(folder):
-    """Without the extra bags one line says so."""
+    """Without the extra `bags`, one line says that it is missing."""
     (folder / "ns.tum").write_text(NS)
     answer = run_command(*["convert", "ns.tum", "--to", "bag", "-o", "drive"])
     assert answer.code in (0, 2), answer.err
-    # The file of messages had a hidden name.
+    # The file of messages had a name that begins with a dot.
     written = {"drive.db3", "metadata.yaml"} if answer.code == 0 else set()
     assert {path.name for path in (folder / "drive").glob("*")} == written
     assert len(answer.err.splitlines()) == (1 if answer.code else 0)

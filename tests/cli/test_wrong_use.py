@@ -113,7 +113,7 @@ def test_files_are_not_overwritten(lmkit, tmp_path):
 
 
 def test_an_unwritable_folder(lmkit, tmp_path, monkeypatch):
-    # For root every folder can be written to; what the system would say is said here.
+    # Root can write to every folder, so the error of the system is simulated here.
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "locked")
     (tmp_path / "locked").mkdir()
     assert_refused(lmkit("generate", "--code", 1, "-o", "locked/x.pdf"), "locked", "write")
@@ -350,7 +350,7 @@ def test_simulate(lmkit, tmp_path, arguments):
 
 @pytest.mark.parametrize("fault", [ZeroDivisionError, EOFError])
 def test_an_internal_error_is_called_one(lmkit, monkeypatch, fault):
-    """Also the error that typer takes for an end of the dialog."""
+    """This includes the error that typer takes for the end of a dialog."""
 
     def fail(*_):
         raise fault
@@ -456,7 +456,7 @@ def test_files_are_written_all_or_none(tmp_path):
 
 
 def test_a_simulated_room_overwrites_no_rig(lmkit, tmp_path, rig):
-    """Its images were written before the rig was found to exist."""
+    """Before, the images were written before the command found that the rig exists."""
     assert_refused(lmkit("simulate", "-o", ".", "--pairs", "1"), "rig.yaml exists already")
     assert files(tmp_path) == {"rig.yaml"}
 

@@ -1,4 +1,4 @@
-"""Landmarks that are read worse than before: what is named, what is not, and how views are counted."""
+"""Landmarks that are read worse than before: which are named, which are not, and how views are counted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RECORDINGS, FROM = 8, 4
 def site(seed: int, share: float = 0.0, evidence: float = 0.0) -> list[dict]:
     """Counts of eight recordings of ten landmarks, of which the first falls from the fifth one on.
 
-    Every recording has a light of its own, in each one other kinds of view occur, and some are always hidden.
+    Each recording has its own light and its own kinds of view, and some landmarks are always hidden.
     """
     rng = np.random.default_rng(seed)
     recordings = []

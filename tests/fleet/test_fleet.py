@@ -49,7 +49,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Site]:
     folder = tmp_path_factory.mktemp("site")
-    # robot1's camera is bumped on the second day, and its rig calibrated anew on the third.
+    # robot1's camera is bumped on the second day, and its rig is calibrated again on the third.
     planted = Planted(bumped=(1, 1), recalibrated=2, clock=(0, 1))
     site = write_site(folder, halls=2, days=3, planted=planted)
     damaged = folder / "logs" / "hall0" / "robot1" / "damaged"
@@ -345,7 +345,7 @@ def test_topics_that_are_scanned_are_those_of_the_bag(tmp_path, monkeypatch):
         add_recordings(store, find_recordings(f"{tmp_path}/logs/*", rig_file, topics=topics))
         [outcomes[bool(topics), bool(rig_file)]] = run_stage(store, STAGE, detect_recording, OPTIONS)
     assert "lmkit fleet scan: --topic left=TOPIC" in outcomes[False, False].failure
-    # The rig of its camera_info does not know where it is mounted.
+    # The rig from camera_info does not contain the place of the cameras on the robot.
     assert "T_base_left" in outcomes[True, False].failure and "--rig" in outcomes[True, False].failure
     assert outcomes[True, True].ok and outcomes[True, True].facts["frames"] == 3
     with pytest.raises(InputError, match="port=/x"):

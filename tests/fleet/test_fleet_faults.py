@@ -71,7 +71,7 @@ def test_a_clock_unlike_the_fleets_is_named():
     [fault] = find_faults({}, [*detected("a", 3), *detected("b", 3)], [], usual, {})
     assert (fault.kind, fault.robot, fault.day) == ("clock", "b", day_name(2))
     assert "0.65 s behind" in fault.sentence and f"right until {day_name(1)}" in fault.sentence
-    # A delay that is not known is not off.
+    # An unknown delay is not a fault.
     vague = tracked("b", [0.25, 0.22, 0.9], sigma_s=0.2)
     assert find_faults({}, [*detected("a", 3), *detected("b", 3)], [], [*usual[:3], *vague], {}) == []
 
@@ -92,7 +92,7 @@ def test_a_rig_file_by_date_holds_from_its_day_on(tmp_path):
         (rigs / f"{day}.yaml").write_text("")
     found = find_recordings(f"{tmp_path}/logs/{{robot}}/{{date}}", f"{tmp_path}/rigs/{{robot}}/{{date}}.yaml")
     names = {r.source[-10:]: r.rig.rpartition("/")[2] for r in found}
-    # None holds on the first day: the file that is missing is named when it is read.
+    # No rig file is valid on the first day; the missing file is named when it is read.
     assert names == {
         "2026-09-20": "2026-09-20.yaml", "2026-09-22": "2026-09-21.yaml", "t/20260924": "2026-09-24.yaml"
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""A camera that reads nothing where landmarks are plainly in view is named, and named again when it reads."""
+"""A camera that reads nothing although landmarks are clearly in view is named, and named again when it reads."""
 
 import numpy as np
 

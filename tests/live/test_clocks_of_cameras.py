@@ -31,7 +31,7 @@ def drive():
 def test_stamps_and_offsets_say_when_a_camera_exposes(drive):
     exposures = Exposures(drive.rig)
     assert exposures.times(5.0, (5.0, 5.0)) == pytest.approx((5.0, 5.0 + LATE_S))
-    # Transport takes 10 ms now and then; 50 ms are a clock.
+    # Transport takes 10 ms at times; 50 ms are a clock offset.
     assert exposures.times(5.0, (5.0, 5.01)) == pytest.approx((5.0, 5.0 + LATE_S))
     assert exposures.times(5.0, (5.0, 4.95)) == pytest.approx((5.0, 4.95 + LATE_S))
     assert Exposures(with_time_offsets(drive.rig, [0.0])).times(5.0, (5.0, 5.01)) == ()
@@ -56,7 +56,7 @@ def run(drive, motion):
 
 
 def test_the_late_camera_is_left_out_at_first_and_then_carried(drive):
-    """Taken as of the frame's time, its image contradicts the other one, and there is no pose."""
+    """With the time of the frame, the late image contradicts the other one, and there is no pose."""
     for state, true, _ in islice(run(drive, "none"), 4):
         assert state.T_map_base is not None
         assert np.linalg.norm(state.T_map_base.t - true.t) < 0.02

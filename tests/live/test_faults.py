@@ -121,7 +121,7 @@ def frozen_view(simulated: SimulatedRun, group: FrameGroup) -> FrameGroup:
 
 
 def older_view(simulated: SimulatedRun, group: FrameGroup) -> FrameGroup:
-    """A view of before, from another place."""
+    """An earlier view, from another place."""
     return replace(group, seen=simulated.course.corners(simulated.course.T_map_base(FIRST_S + OLDER / FPS)))
 
 
@@ -298,7 +298,7 @@ def test_a_camera_whose_image_stands_still_is_named_and_not_used(monkeypatch):
 
 
 def test_a_detection_is_what_the_faults_change():
-    """The changes above reach the loop: else nothing would be tested."""
+    """The changes above reach the loop; otherwise these tests would test nothing."""
     simulated = SimulatedRun(parse_source("sim:?seconds=2&speed=max&images=no&seed=1&fps=5"))
     group = next(g for g in simulated.groups() if any(g.seen))
     assert isinstance(next(d for seen in group.seen for d in seen), Detection)

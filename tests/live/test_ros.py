@@ -1,4 +1,4 @@
-"""ROS 2 on loopback: every transport's messages are read by somebody else's reader."""
+"""ROS 2 on loopback: the messages of every transport are read by a reader of another project."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def messages(text: str, state: LiveState) -> dict[str, dict]:
 
 
 def read_until(send: Callable[[], object], done: Callable[[], bool], seconds: float = 15.0) -> None:
-    """Send again and again until somebody has read."""
+    """Send repeatedly until a reader has received a message."""
     end = time.monotonic() + seconds
     while not done() and time.monotonic() < end:
         send()
@@ -103,7 +103,7 @@ def test_detections_are_as_apriltag_counts_corners():
     image = np.full((400, 400), 255, np.uint8)
     image[100:300, 100:300] = cv2.aruco.generateImageMarker(dictionary, ID.code, 200)
     detector = apriltag.Detector(families="tag36h11")
-    # It would free its families before the detector that still reads them, and abort now and then.
+    # It would free its families before the detector that still reads them, and would sometimes abort.
     detector.tag_families.clear()
     (theirs,) = detector.detect(image)
     (ours,) = lmkit.detect(np.repeat(image[:, :, None], 3, axis=2), "tag36h11")

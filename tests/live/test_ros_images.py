@@ -124,7 +124,7 @@ every_transport = pytest.mark.parametrize("transport", TRANSPORTS)
 
 @contextmanager
 def sending(send: Callable[[], object]) -> Iterator[None]:
-    """Send again and again meanwhile."""
+    """Send repeatedly in the meantime."""
     stop = threading.Event()
 
     def repeat() -> None:

@@ -43,7 +43,7 @@ every_topic = pytest.mark.parametrize("topic", TOPICS)
 
 
 def a_step(number: int) -> LiveState:
-    """A step at a second of its own, so that diagnostics go out with each."""
+    """A step in each second, so that diagnostics are sent with each."""
     time_s = 1700000000.5 + number
     view = CameraView("left", None, time_s, (Detection(ID, SQUARE, 0.9, 3.0),))
     odom = planar_pose(np.array([0.5, -0.25, 0.1]))
@@ -72,7 +72,7 @@ def plain(value: Any) -> Any:
 
 
 def check(got: Any, topic: str) -> None:
-    """A message says what the step that its stamp names does."""
+    """A message agrees with the step that has its time stamp."""
     stamped = got["transforms"][0] if topic == "/tf" else got
     number = stamped["header"]["stamp"]["sec"] - 1700000000
     assert plain(got) == plain(sent(topic, number))

@@ -1,4 +1,4 @@
-"""Live runs of a simulated robot: poses are right, and what goes wrong is named and never published."""
+"""Live runs of a simulated robot: poses are right, faults are named, and no wrong pose is published."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_rendered_images_give_poses_and_windows_are_searched():
 
 
 def test_whole_images_are_searched_at_once_where_windows_show_nothing(monkeypatch):
-    """Without odometry: the robot is not at the predicted place, and what is in view is still read."""
+    """Without odometry, the robot is not at the predicted place; landmarks in view are still read."""
     course = SimulatedRun(parse_source(CORNERS)).course
     image = np.zeros((*course.rig.left.image_size[::-1], 3), np.uint8)
     places = [course.T_map_base(t) for t in (1.0, 1.1, 6.0)]
@@ -338,7 +338,7 @@ def test_websocket_and_health_page_are_read():
     run = open_run(RunSettings(RunFile(sources=["sim:?seconds=1&speed=max&images=no"])))
     page = HealthPage(run, "127.0.0.1:0")
     run.run()
-    # The source has ended: not healthy any more.
+    # The source has ended, so the run is not healthy any more.
     with pytest.raises(urllib.error.HTTPError) as refused:
         urllib.request.urlopen(f"http://127.0.0.1:{page.port}/health")
     assert refused.value.code == 503

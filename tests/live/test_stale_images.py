@@ -1,4 +1,4 @@
-"""Old images that are repeated are named and withheld; a robot that stands is not accused."""
+"""Repeated old images are named and withheld; a robot that stands still causes no alarm."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def accused(seed, shown, until=math.inf, frames=range(15, 105), motion="wheels")
 
     Args:
         shown: the views of a frame.
-        until: the wheels move; the robot does so `LAG_S` later.
+        until: time until which the wheels move; the robot moves `LAG_S` later.
     """
     stale = StaleImages(course(seed).rig, course(seed).landmarks, motion != "none")
     named: dict[str, int] = {}

@@ -1,4 +1,4 @@
-"""`lmkit demo --rig`: five cameras that share no view, placed by driving, then located and tracked."""
+"""`lmkit demo --rig`: poses of five cameras without a common view are found by driving; then the robot is tracked."""
 
 from __future__ import annotations
 

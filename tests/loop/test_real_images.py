@@ -2,7 +2,7 @@
 
 The landmark is painted on the chessboard's plane at the pose that the chessboard gives in that
 pair, through the calibrated camera with its distortion, in each camera.  The chessboard's corners and
-the landmark are read by different code, so that their agreement says something.
+the landmark are read by different code, so that their agreement is evidence.
 """
 
 from __future__ import annotations

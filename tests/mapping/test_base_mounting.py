@@ -94,7 +94,7 @@ def test_the_clock_of_a_camera_is_found_with_its_place() -> None:
     assert clock is not None and clock.differs
     assert abs(clock.offset_s - late_s) < min(4 * clock.sigma_s, 2e-3)
     assert found.rig.cameras[1].time_offset_s == clock.offset_s
-    # With the stamps taken for right, the second camera is off by 50 mm along x.
+    # If the time stamps were taken as right, the second camera would be off by 50 mm along x.
     assert np.abs(errors_of(found, rig)[:, 0]).max() < 0.004
 
 
@@ -134,7 +134,7 @@ def test_the_command_writes_a_rig_with_every_place(tmp_path: Path) -> None:
     assert answer.code == 0, answer.err
     assert [camera["name"] for camera in json.loads(answer.out)["cameras"]] == names
     written = read_rig(tmp_path / "out.yaml")
-    assert [camera.time_offset_s for camera in written.cameras] == [0.0, 0.0]  # stamps are right
+    assert [camera.time_offset_s for camera in written.cameras] == [0.0, 0.0]  # time stamps are right
     assert written.T_base_left.t[:2] == pytest.approx(rig.T_base_left.t[:2], abs=0.03)
     assert run_command("calibrate", "--base", tmp_path / "drive").code == 2
 
@@ -150,5 +150,5 @@ def test_places_of_five_cameras_without_overlap_and_their_intervals() -> None:
         scaled += [e / np.sqrt(np.diag(c.covariance)) for e, c in zip(errors, found.cameras, strict=True)]
     rms = np.sqrt(np.mean(np.square(np.concatenate(rows)), axis=0))
     assert rms[:3].max() < 0.004 and rms[3:].max() < np.deg2rad(0.05)
-    # The cameras of one robot err alike, above all along y.
+    # The cameras of one robot have correlated errors, above all along y.
     assert np.mean(np.abs(scaled) < 1.96) > 0.85

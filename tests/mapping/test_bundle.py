@@ -67,12 +67,12 @@ def test_without_odometry_a_jump_over_a_time_without_views_is_named_where_no_rob
 
 
 def test_the_step_is_downhill_of_what_walls_and_heights_cost():
-    """Cauchy's weights in the equations belong to the cost that steps are judged by."""
+    """Cauchy's weights in the equations are those of the cost that decides about steps."""
     drive = make_drive(2, seconds=4)
     codes = tuple({o.id: None for frame in drive.frames for o in frame.seen[0]})[:3]
     mapped = type(drive.landmarks)([drive.landmarks.find(code) for code in codes])
     rows = range(len(drive.frames))
-    # A sightless recording: what is left are the ties, far from being kept to.
+    # A recording without observations: only the constraints are left, and they are far from satisfied.
     blind = [replace(m, seen=((), ())) for m in drive.frames]
     constraints = [
         LandmarkConstraint("height", tuple(codes), 0.02, 0.02),

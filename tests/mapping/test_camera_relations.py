@@ -1,4 +1,4 @@
-"""How the cameras stand to each other, as unknowns of a survey; and what alike errors of neighbors count."""
+"""Relative poses of the cameras as unknowns of a survey, and the weight of correlated errors."""
 
 from dataclasses import replace
 
@@ -60,7 +60,7 @@ def test_a_rig_file_that_is_hardly_off_hardly_moves_landmarks(drive):
 
 
 def with_alike_errors(drive, correlation):
-    """The recording, with errors of corners that correlate so from one image to the next."""
+    """The recording, with errors of corners that have this correlation from one image to the next."""
     rng, errors = np.random.default_rng(5), {}
 
     def error(key):

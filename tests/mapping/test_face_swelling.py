@@ -1,4 +1,4 @@
-"""Faces that a camera shows larger or smaller than they are: found by a survey, and stated."""
+"""Faces that appear larger or smaller than they are: a survey estimates and states this swelling."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def shared_of(stated, columns):
 def test_what_they_pull_at_is_how_the_gradient_changes_with_them(drive, monkeypatch):
     monkeypatch.setattr(bundle_adjustment, "CAUCHY_SCALE", 1e6)  # weights change as well
     problem, step = problem_of(drive, drive.frames), 1e-4
-    # Without errors observed corners, by which they are put back, are the expected ones, by which they pull.
+    # Without errors, the observed corners, which undo the swelling, equal the expected ones, which define it.
     exact = problem.seen.rays - errors_of_rays(problem._correspondences()).reshape(-1, 4, 2)
     monkeypatch.setattr(problem, "seen", replace(problem.seen, rays=exact))
     stated, before = problem.stated_equations(1.0)[0], problem.equations()[0]
@@ -88,7 +88,7 @@ def test_what_they_pull_at_is_how_the_gradient_changes_with_them(drive, monkeypa
 
 
 def test_errors_of_corners_alone_pull_no_face_outward(drive):
-    """Twenty times the stated errors; a way along the face that turns with them would pull by 17 deviations."""
+    """Twenty times the stated errors; a direction that turns with them would bias the swelling by 17 deviations."""
     problem, rng, pulls = problem_of(drive, drive.frames), np.random.default_rng(7), []
     bundle = problem._correspondences()
     expected = bundle.rays - errors_of_rays(bundle).reshape(-1, 4, 2)

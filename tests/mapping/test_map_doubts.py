@@ -1,4 +1,4 @@
-"""Doubts about a surveyed map: who overlaps whom, and known places that are not exact."""
+"""Doubts about a surveyed map: overlapping landmarks, and known places that are not exact."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Known landmarks that were moved since, in the survey of one recording; readings that are no landmarks."""
+"""Known landmarks that were moved, in the survey of one recording; readings that are not landmarks."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def survey(made, known, frames=None, **options):
 
 
 def most_seen(made):
-    """Ids, the one that is seen most first."""
+    """Ids, most often seen first."""
     ids = [id_ for frame in made.frames for id_ in {o.id for o in frame.detections}]
     return sorted(set(ids), key=lambda id_: (-ids.count(id_), id_))
 
@@ -57,7 +57,7 @@ def with_one_moved(chosen, meters):
 
 
 def test_an_exact_place_that_all_contradicts_gives_way_to_what_was_seen(seen):
-    """Nobody says how well exact places are known: one that 20 cm are wrong with is found, and no other one."""
+    """Exact places state no accuracy: one that is wrong by 20 cm is found, and no other one."""
     made = drive()
     wrong = with_one_moved(seen[1], 0.2)
     known = {m.id: Anchor(m, None) for m in wrong if m.id in seen[:4]}
@@ -70,7 +70,7 @@ def test_an_exact_place_that_all_contradicts_gives_way_to_what_was_seen(seen):
 
 @pytest.mark.parametrize("meters", [0.06, 1.5])
 def test_a_single_recording_finds_a_landmark_that_was_moved_since_the_known_map(seen, meters):
-    """One moved by 6 cm pulls the map; of one moved by 1.5 m everything seen is an outlier."""
+    """A landmark moved by 6 cm distorts the map; all observations of one moved by 1.5 m are outliers."""
     later = with_one_moved(seen[1], meters)
     result = survey(drive(later), anchors_of(ROOM, SIGMA))
     [moved] = result.moved
@@ -85,7 +85,7 @@ def test_a_single_recording_finds_a_landmark_that_was_moved_since_the_known_map(
 
 @pytest.mark.parametrize(("seed", "rank"), [(18, 0), (30, 1)], ids=["pulls another one", "placed by nothing else"])
 def test_a_landmark_that_was_moved_far_is_named_alone(seed, rank):
-    """One is released with another that it had pulled; the other one cannot be placed without its known place."""
+    """One is released together with another that it had displaced; the other one cannot be placed otherwise."""
     chosen = most_seen(drive(seed=seed))[rank]
     result = survey(drive(with_one_moved(chosen, 1.0), seed), anchors_of(ROOM, SIGMA))
     assert [one.before.id for one in result.moved] == [chosen]
@@ -105,7 +105,7 @@ def replace_t(T, shift):
 
 
 def test_of_two_known_landmarks_nobody_knows_which_was_moved(seen):
-    """Both are seen by the same frames, and both are named."""
+    """Both landmarks are in the same frames, and both are named."""
     later = with_one_moved(seen[1], 0.5)
     known = {id_: anchor for id_, anchor in anchors_of(ROOM, SIGMA).items() if id_ in seen[:2]}
     result = survey(drive(later), known)
@@ -128,7 +128,7 @@ def test_known_landmarks_that_contradict_each_other_in_all_recordings_are_named(
 
 
 def test_where_many_known_landmarks_stand_elsewhere_the_map_is_doubted(monkeypatch, seen):
-    """None of them is called moved: the map may be of another place."""
+    """No landmark is called moved: the map may be of another place."""
     monkeypatch.setattr(known_survey, "MOST_RELEASED", 2)
     rng = np.random.default_rng(5)
     off = {id_: rng.uniform(0.3, 0.6, 3) * rng.choice([-1, 1], 3) for id_ in seen[:4]}
@@ -172,7 +172,7 @@ def frames(count, from_s=0.0, to_s=30.0):
     ],
 )
 def test_too_few_frames_are_no_landmark(times, known, out):
-    places = {1: 0.0, 2: 1.0, 3: 0.03}  # the third stands in the place of the first
+    places = {1: 0.0, 2: 1.0, 3: 0.03}  # the third has the place of the first
     ids = {code: LandmarkId("lm8", code) for code in places}
     every = np.unique(np.concatenate(list(times.values())))
     nowhere = PoseArray("map", "left", np.tile(np.eye(3), (len(every), 1, 1)), np.zeros((len(every), 3)))

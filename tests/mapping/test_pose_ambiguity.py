@@ -73,7 +73,7 @@ def test_a_landmark_of_which_one_far_view_is_all_is_right_or_said_to_be_ambiguou
 
 @pytest.mark.parametrize("seed", [6, 30])
 def test_small_and_head_on_a_landmark_s_stated_turn_holds(seed):
-    """Its two poses are one flat valley; by the covariance where it settled one of these turns is 5 sigma off."""
+    """Its two poses share a flat minimum; by the covariance at the solution, one of these turns is 5 sigma off."""
     drive = make_drive(seed, seconds=40, hz=3, noise_px=None, errors=WheelErrors(slips=1))
     frames = [replace(m, seen=((), ())) if 50 <= k < 74 else m for k, m in enumerate(drive.frames)]
     result = survey(drive, frames)

@@ -1,4 +1,4 @@
-"""Several recordings in one map: the sums against the one big problem, and what happens between days."""
+"""Several recordings in one map: sums compared with one large problem, and changes between days."""
 
 from dataclasses import replace
 
@@ -60,7 +60,7 @@ def largest_error_m(landmarks, truth):
 
 
 def often_seen(made, rank=0):
-    """The landmark that is seen in the most frames but so many."""
+    """The landmark of this rank by the number of frames that see it."""
     count = {}
     for frame in made.frames:
         for id_ in {o.id for o in frame.detections}:
@@ -83,7 +83,7 @@ def joint(solved):
     poses = [ROOM.find(id_).T_map_landmark for id_ in ids]
     R, p = np.array([T.R for T in poses]), np.array([T.t for T in poses])
     for problem in problems:
-        # Each lies in a frame of its own; near the room's frame the sums have the sizes that they have in use.
+        # Each recording has its own frame; near the room's frame the sums have realistic sizes.
         mine = [ROOM.find(id_).T_map_landmark for id_ in problem.landmark_ids]
         turn, _ = Rotation.align_vectors(*(x - x.mean(axis=0) for x in (np.array([T.t for T in mine]), problem.lm_p)))
         turn = turn.as_matrix()
@@ -123,7 +123,7 @@ def one_big_system(joint, damping):
 def test_the_step_by_sums_is_the_step_of_the_one_big_problem(joint, damping):
     H, g, first = one_big_system(joint, damping)
     direct = np.linalg.solve(H, g)
-    for _ in range(3):  # refined with exact residuals, since the one big system is ill-conditioned
+    for _ in range(3):  # refined with exact residuals, since the large system is ill-conditioned
         direct += np.linalg.solve(H, (g - H.astype(np.longdouble) @ direct).astype(float))
     equations, _ = joint.linearize(joint.state())
     landmarks, own = joint.solve(equations, damping)
@@ -131,7 +131,7 @@ def test_the_step_by_sums_is_the_step_of_the_one_big_problem(joint, damping):
         [np.concatenate([x.ravel(), y[: problem.own]]) for (x, y), problem in zip(own, joint.problems, strict=True)]
     )
     assert np.abs(landmarks - direct[first:]).max() < 1e-9 * np.abs(direct).max()
-    # The one big system is worse conditioned in the poses than in the landmarks: the equations hold to 1e-9.
+    # The large system is worse conditioned in the poses than in the landmarks: the equations hold to 1e-9.
     whole = np.concatenate([states, landmarks])
     assert np.abs(H @ whole - g).max() < 1e-9 * np.abs(g).max()
 
@@ -260,7 +260,7 @@ def test_without_dates_the_recording_given_last_tells_where_a_landmark_is():
 
 @pytest.mark.slow
 def test_a_recording_of_another_room_is_named_and_left_out():
-    """It has the same codes, but on other walls."""
+    """The other place has the same codes, but on other walls."""
     codes = [m.id for m in ROOM]
     other = LandmarkMap([replace(m, id=codes[k - 5]) for k, m in enumerate(ROOM)])
     recordings = [
@@ -276,7 +276,7 @@ def test_a_recording_of_another_room_is_named_and_left_out():
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", ["first", "third"])
 def test_what_is_left_after_a_contradicted_recording_has_a_frame(monkeypatch, gone):
-    """The frame of the map is that of a recording, also where another one is left out after the adjustment."""
+    """The map has the frame of a recording, also if another recording is left out after the adjustment."""
     recordings = [recording(drive(11 + k, seconds=15), name) for k, name in enumerate(("first", "second", "third"))]
     answers = iter([{gone: "stands elsewhere"}, {}])
     monkeypatch.setattr(JointSolver, "contradicted_recordings", lambda joint: next(answers))

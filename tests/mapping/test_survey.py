@@ -96,7 +96,7 @@ def test_a_code_that_is_mounted_twice_is_named_and_does_not_distort_the_map():
     count = {code: sum(o.id == code for m in first for o in m.seen[0]) for code in early - {anchor}}
     a = max(count, key=lambda code: count[code])
     true = drive.landmarks.find(a).T_map_landmark
-    # The landmark farthest from it bears its code, too.
+    # The landmark farthest from it has the same code.
     b = max(
         (m for m in drive.landmarks if m.id != anchor),
         key=lambda m: np.linalg.norm(m.T_map_landmark.t - true.t),
@@ -104,7 +104,7 @@ def test_a_code_that_is_mounted_twice_is_named_and_does_not_distort_the_map():
     frames = [relabel(frame, b, a) for frame in drive.frames]
     result = survey(drive, frames=frames)
     (named,) = [outlier for outlier in result.contradicted if outlier.id == a]
-    # The place that the map does not have is the other one of the two.
+    # The place that is not in the map is the other one of the two.
     has, other = (drive.landmarks.find(code).T_map_landmark.t for code in (a, b))
     if np.linalg.norm(result.landmarks.find(a).T_map_landmark.t - has) > 0.5:
         has, other = other, has
@@ -160,7 +160,7 @@ def test_with_nothing_known_the_map_is_right_up_to_its_frame():
 @pytest.mark.slow
 def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
     drive = make_drive(3, seconds=30)
-    # All landmarks are mounted with their heads 5 deg to the front, also the one that is taken to mount upright.
+    # All landmarks lean forward by 5 deg, also the one that is taken as upright.
     leaning = Rotation.from_rotvec([np.deg2rad(5.0), 0.0, 0.0]).as_matrix()
     mapped = type(drive.landmarks)(
         [
@@ -178,7 +178,7 @@ def test_with_nothing_known_and_wheels_the_floor_is_level_at_zero():
     bases = [pose @ T_left_base for pose in result.bundle.left_poses()]
     assert max(abs(base.t[2]) for base in bases) < 0.03
     assert max(np.arccos(min(1.0, base.R[2, 2])) for base in bases) < np.deg2rad(1.0)
-    # And live tracking finds its way by that map.
+    # Live tracking works with that map.
     tracked = track_images_live(drive.frames, drive.rig, result.landmarks, drive.odometry, drive.gyro)
     assert not tracked.remarks
     assert np.mean([status == "ok" for status in tracked.statuses]) > 0.95
@@ -221,7 +221,7 @@ def test_wheels_need_to_know_where_the_camera_sits():
 
 @pytest.mark.slow
 def test_without_wheels_a_second_pose_that_distorts_the_map_shows_as_a_jump():
-    """Two parts of the room are mounted together by one landmark, and its second pose turns them by 13 deg."""
+    """Only one landmark connects two parts of the room, and its second pose rotates them by 13 deg."""
     drive = make_drive(7, seconds=120, errors=WheelErrors(slips=1))
     result = survey(drive, wheels=False, anchors=0)
     found = {m.id: m.T_map_landmark.t for m in result.bundle.landmarks}
@@ -263,7 +263,7 @@ def test_landmarks_of_two_families_may_share_a_code():
 
 
 def test_what_the_first_pass_leaves_out_is_taken_up_and_the_map_stays_uncertain(monkeypatch):
-    """The second pass goes by the map of the first, but knows nothing more than was known beforehand."""
+    """The second pass uses the map of the first one as a start, but no more prior knowledge than the first one."""
     drive = make_drive(2, seconds=20)
     passes = []
 
@@ -282,7 +282,7 @@ def test_what_the_first_pass_leaves_out_is_taken_up_and_the_map_stays_uncertain(
 
 
 def test_what_one_landmark_joins_is_named():
-    """Ten frames in each of two halls: joined by one landmark, which may be two with one code; by two, by none."""
+    """Ten frames in each of two halls, connected by one landmark (perhaps two with one code), by two, by none."""
 
     def bundle(shared):
         seen = [(k, 0) for k in range(10)] + [(k, 1) for k in range(10, 20)]

@@ -1,4 +1,4 @@
-"""Walls and heights that are declared: what they say, what they fix, and who does not keep to them."""
+"""Declared walls and heights: their equations, what they determine, and landmarks that violate them."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_one_off_the_plane_costs_what_its_deviation_says():
 
 
 def along_a_wall(drive):
-    """Codes seen of the wall that has most: those that look the same way."""
+    """Codes seen on the wall with the most landmarks: those that face in the same direction."""
     walls, seen = {}, {o.id for frame in drive.frames for o in frame.seen[0]}
     for m in drive.landmarks:
         if m.id in seen:
@@ -81,7 +81,7 @@ def surveyed(drive, frames, constraints):
 
 
 def off_the_wall(drive, result, codes):
-    """Root mean square of how far landmarks were found off their plane, and of their turn off its normal."""
+    """Root mean square distance of landmarks from their plane, and of their angle to its normal."""
     off, turned = [], []
     for code in codes:
         m, true = result.bundle.landmarks.find(code), drive.landmarks.find(code).T_map_landmark

@@ -46,7 +46,7 @@ def test_wheels_carry_a_late_camera_with_their_noise(late):
             d[2] = np.angle(np.exp(1j * d[2]))
             squared.append(d @ np.linalg.solve(answer.covariance, d))
     assert len(squared) > 40
-    # Carried without noise, the mean is over 40.
+    # With dead reckoning without noise, the mean is over 40.
     assert np.mean(squared) < 4
 
 
@@ -84,7 +84,7 @@ Follow = tuple[RigFilter | PoseFilter, Callable[[float], None]]
 
 @lru_cache
 def driven(offset_s: float) -> tuple[Drive, StereoRig]:
-    """A recording without errors whose second camera exposes off its frame, and the rig without that offset."""
+    """A recording without errors whose second camera exposes at another time, and the rig without that offset."""
     rig = replace(make_rig(), T_base_left=T_BASE_LEFT)
     return make_drive(5, 2.0, 10.0, 32, rig=with_time_offsets(rig, [offset_s]), errors=EXACT, noise_px=0.02), rig
 
@@ -126,7 +126,7 @@ def test_a_first_pose_takes_a_late_camera_at_its_time(kind):
         if answer.restarted:
             found.append(off_mm(answer, drive.pose(k)))
     assert len(found) == 4
-    assert max(found) < 2  # with the late camera as of the frame's time, there is no pose
+    assert max(found) < 2  # with the time of the frame for the late camera, there is no pose
 
 
 @pytest.mark.parametrize("kind", ["wheels", "poses"])
@@ -146,7 +146,7 @@ def test_an_exposure_before_the_last_frame_is_taken_at_its_time(kind):
 
 @pytest.mark.parametrize("kind", ["wheels", "poses"])
 def test_what_the_start_has_used_does_not_count_again(kind):
-    """Carried off to the other side of the room, the robot is found anew while an exposure waits."""
+    """The robot is carried to the other side of the room and is found again while an exposure waits."""
     drive, rig = driven(LATE_S)
     turned = Pose.from_rvec("map", "map", np.array([0.0, 0.0, np.pi]), np.array([8.0, 5.0, 0.0]))
     tracker, until = follow(kind, drive, rig)

@@ -1,4 +1,4 @@
-"""Numbers that no sensor gives: every solver answers or refuses by name, with one frame and with many."""
+"""Numbers that no sensor gives: every solver answers or names the error, with one frame and with many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Covariances of filters hold what does not average out: a robot that stands sees the same errors again and again."""
+"""Covariances of filters include errors that do not average out: a robot that stands still sees the same errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RUNS, FRAMES = 14, 10
 
 
 def misplaced(landmarks: LandmarkMap, rng: np.random.Generator) -> LandmarkMap:
-    """A map that is off by as much as it says."""
+    """A map with errors as large as it states."""
     C = np.diag([PLACE_M**2] * 3 + [TURN_RAD**2] * 3)
     moved = []
     for landmark in landmarks:
@@ -35,7 +35,7 @@ def misplaced(landmarks: LandmarkMap, rng: np.random.Generator) -> LandmarkMap:
 
 
 def on_floor(drive: Drive, landmarks: LandmarkMap, state: FloatArray, rng: np.random.Generator) -> float | None:
-    """Squared error over its three numbers, in standard deviations, once a robot has stood for a while."""
+    """Squared error over the three coordinates, in standard deviations, after a robot has stood for a while."""
     tracker = RigFilter(landmarks, drive.rig, WITH_GYRO, 0.0)
     for k in range(FRAMES):
         tracker.wheels.add_odometry(0.2 * k, 0.0, 0.0)
@@ -74,7 +74,7 @@ def test_a_map_that_is_off_as_it_says_stays_off_however_often_it_is_seen(stood: 
         found.append(stood(drive, misplaced(drive.landmarks, rng), state, rng))
     known = [value for value in found if value is not None]
     assert len(known) > RUNS / 2
-    # 99 % of honest means of a dozen draws of three numbers lie in this band.
+    # With right covariances, 99 % of the means of a dozen draws of three numbers lie in this band.
     assert 0.4 < np.mean(known) < 1.65
 
 

@@ -108,7 +108,7 @@ def test_a_gyro_that_misses_a_part_is_named_and_the_wheels_stand_in(drive, kept,
     turned = [model.increments(times_s, without_delay).motions[:, 2] for model in models]
     covered = part.covers(times_s)[1:]
     assert 0.5 < covered.mean() < 0.9
-    # Increments are interpolated in sums of all rows.
+    # Increments are interpolated in the cumulative sums of the rows.
     assert np.abs(turned[0] - turned[1])[covered].max() < 1e-9
     assert np.abs(turned[0] - turned[2])[~covered].max() < 1e-9
 
@@ -132,7 +132,7 @@ def test_frames_in_their_order_are_believed(seed, every):
 
 @pytest.mark.parametrize("live", [False, True])
 def test_two_floors_in_one_recording_are_named(drive, live):
-    """A lift carries the robot up after half of the recording; wheels do not feel it."""
+    """A lift carries the robot up after half of the recording; wheels do not measure this."""
 
     def above(id_):
         return LandmarkId("lm12", id_.code % 184)
@@ -155,7 +155,7 @@ def test_two_floors_in_one_recording_are_named(drive, live):
 
 
 def test_few_poses_at_another_height_are_no_floor(drive):
-    """A landmark whose height in the map is wrong gives some where it is seen alone."""
+    """A landmark with a wrong height in the map causes some where it is seen alone."""
     id_ = Counter(o.id for frame in drive.frames for o in frame.detections).most_common(1)[0][0]
     m = drive.landmarks.find(id_)
     high = replace(m, T_map_landmark=replace(m.T_map_landmark, t=m.T_map_landmark.t + np.array([0.0, 0.0, 2.5])))
@@ -209,6 +209,6 @@ def test_times_far_beyond_the_calendar_are_no_seconds():
     ("factor", "measured"), [(1.0, None), (1.02, None), (1.055, "180 mm, not the 190"), (0.83, "180 mm, not the 149")]
 )
 def test_a_size_that_the_baseline_contradicts_is_named(drive, factor, measured):
-    """No residual of a survey tells it: map and motion are scaled."""
+    """No residual of a survey shows this error: map and motion are scaled."""
     doubt = size_doubt(drive.frames, drive.rig, {m.id: factor * m.size_m for m in drive.landmarks})
     assert doubt is None if measured is None else f"landmarks measure {measured} mm stated" in doubt

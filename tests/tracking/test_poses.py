@@ -1,4 +1,4 @@
-"""Odometry in space: what it says of motions, and what filter and bundle adjustment make of it."""
+"""Odometry in 3D: its motions, and their use in filter and bundle adjustment."""
 
 import numpy as np
 import pytest
@@ -106,7 +106,7 @@ def test_odometry_carries_the_cameras_on_where_nothing_is_seen():
 def test_cameras_that_were_carried_off_are_found_again():
     drive = make_drive(2, seconds=40)
     odometry = drive.visual_odometry(2)
-    # From frame 80 on everything is 60 frames further, and odometry noticed nothing.
+    # From frame 80 on, everything is 60 frames further, and odometry does not show this.
     there = [*range(80), *range(140, len(drive.frames))]
     filter_ = PoseFilter(drive.landmarks, drive.rig)
     restarts = []
@@ -161,7 +161,7 @@ def test_odometry_between_times_loses_no_way():
         filter_.add_odometry(frame.time_s - 0.1, Pose("odometry", "base", half.as_matrix(), place))
         seen = frame.seen if k < 60 else ((), ())
         answer = filter_.observe(frame.time_s, seen)
-    # Six seconds blind, two meters: exact odometry leads there.
+    # Six seconds and two meters without landmarks: exact odometry gives the pose.
     off = np.linalg.norm(answer.T_map_left.t - (drive.pose(89) @ drive.rig.T_base_left).t)
     assert off < 0.06
     assert np.sqrt(np.trace(answer.covariance[:3, :3])) < 0.15
@@ -202,5 +202,5 @@ def test_cameras_that_see_nothing_and_have_no_odometry_are_lost():
         assert filter_.observe(frame.time_s, frame.seen).status == "ok"
     for frame in drive.frames[20:40]:
         answer = filter_.observe(frame.time_s, ((), ()))
-    # A robot may go a meter a second, and nobody knows where to.
+    # A robot may move at a meter a second, in an unknown direction.
     assert answer.status == "lost"

@@ -1,4 +1,4 @@
-"""Following simulated recordings: poses, their covariances, and what is wrong with the wheels."""
+"""Tracking of simulated recordings: poses, their covariances, and errors of the wheels."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ from lmkit.tracking.range_bearing_filter import PlanarFilter
 
 
 def planar_errors(drive, tracked):
-    """(N,3) x, y, heading off, and the covariances."""
+    """(N,3) errors of x, y and heading, and the covariances."""
     rows = [int(np.argmin(np.abs(drive.times_s - time))) for time in tracked.times_s]
     found = np.array([[*pose.t[:2], np.arctan2(pose.R[1, 0], pose.R[0, 0])] for pose in tracked.poses])
     off = found - drive.truth[rows]
@@ -47,11 +47,11 @@ def test_readings_and_wheels_follow_the_robot(follow):
         errors.append(rmse(off))
         headings.append(np.sqrt((off[:, 2] ** 2).mean()))
         nees.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(C), off).mean())
-        # What the wheels report too much of is found.
+        # The scale errors of the wheels are found.
         assert tracked.parameters["forward_scale"] == pytest.approx(0.92, abs=0.04)
     assert max(errors) < 0.12
     assert np.rad2deg(max(headings)) < 2.0
-    # Readings in a row are taken to err alike, which simulated ones do not: on the safe side.
+    # Consecutive readings are taken as correlated, but simulated ones are independent: covariances are too large.
     assert max(nees) < (0.8 if follow is track_readings else 1.5)
 
 
@@ -114,7 +114,7 @@ def test_wrong_codes_do_not_pull_and_are_named():
 
 def test_a_robot_carried_off_is_noticed_and_found_again():
     drive = make_drive(2)
-    # From half way on it is where it will be 15 s later.
+    # From half way on, the robot is where it will be 15 s later.
     half = len(drive.frames) // 2
     readings = drive.readings(2)
     jump = 75
@@ -122,7 +122,7 @@ def test_a_robot_carried_off_is_noticed_and_found_again():
     tracked = track_live(moved, drive.odometry, None, drive.landmarks)
     last = tracked.poses[-1].t[:2] - drive.truth[len(readings) - 1][:2]
     assert np.linalg.norm(last) < 0.5
-    # In between it says that it does not know.
+    # In between, the status is not `ok`.
     truth = [drive.truth[k if k < half else k + jump] for k in range(len(moved))]
     offset = len(moved) - len(tracked.poses)
     for k, (pose, status) in enumerate(zip(tracked.poses, tracked.statuses, strict=True)):
@@ -199,7 +199,7 @@ def test_before_the_first_fix_the_filter_says_lost():
 
 @pytest.mark.parametrize("delay_s", [-0.1, 0.0, 0.1])
 def test_a_robot_that_runs_ahead_of_its_odometry_is_not_lost(delay_s):
-    """Odometry ends now; where the landmarks' clock is behind it, the robot goes on as it did."""
+    """Odometry ends at the present time; if the landmarks' clock is behind, the motion is continued."""
     wheels = Wheels()
     for k in range(1, 51):
         wheels.add_odometry(0.02 * k, 0.3 * 0.02, 0.0)
@@ -213,7 +213,7 @@ def test_a_robot_that_runs_ahead_of_its_odometry_is_not_lost(delay_s):
 @pytest.mark.slow
 @pytest.mark.parametrize("follow", [track_readings, track_live])
 def test_what_the_map_leaves_open_enters_poses_and_covariance(follow):
-    """Landmarks measured to 0.1 m: said so, poses are better and their covariance holds."""
+    """Landmarks measured to 0.1 m: if the map states this, poses are better and their covariance holds."""
     errors, nees = {True: [], False: []}, {True: [], False: []}
     C = np.zeros((6, 6))
     C[:3, :3] = 0.1**2 * np.eye(3)
@@ -235,14 +235,14 @@ def test_what_the_map_leaves_open_enters_poses_and_covariance(follow):
 
 
 def innovation_ratio(tracked):
-    """Mean square of what was not foreseen: 1 for a filter that knows how sure it is."""
+    """Mean normalized innovation squared: 1 if the covariance of the filter is right."""
     squared, stated = tracked.nis.sum(axis=0)
     return squared / stated
 
 
 @pytest.mark.slow
 def test_innovations_are_as_large_as_expected_where_readings_scatter_as_stated(monkeypatch):
-    # As simulated: independent of each other, and no worse than that.  Wheels are better than they are taken to be.
+    # As simulated: errors are independent and as stated.  Wheels are better than the filter assumes.
     independent = ReadingNoise(1e-3, 0.03, 0.01, 1e-4, related_s=0.0)
     monkeypatch.setattr(planar_filter, "DRIVE_NOISE", independent)
     ratios = []

@@ -1,4 +1,4 @@
-"""Who is answered, and which files can be reached."""
+"""Which requests are answered, and which files can be reached."""
 
 from __future__ import annotations
 

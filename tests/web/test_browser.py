@@ -1,4 +1,4 @@
-"""The pages in headless Chromium: no console error, no serious finding of axe, quick and light; one whole errand."""
+"""The pages in headless Chromium: no console error, no serious finding of axe, fast and small; one whole task."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def project(tmp_path_factory):
 @pytest.fixture(scope="module")
 def furnished(project):
     """The project with board images and a recording."""
-    lmkit.write_example_files(project / "drives/example", board_pairs=10, seconds=8)  # as few as end a guidance
+    lmkit.write_example_files(project / "drives/example", board_pairs=10, seconds=8)  # fewest that end a guidance
     return project
 
 
@@ -42,7 +42,7 @@ def furnished(project):
 def address(project):
     """A server over the project, as the command starts it."""
     words = [sys.executable, "-m", "lmkit", "web", str(project), "--port", "0"]
-    # One process for each job: two of them start longer than they work here.
+    # One process: the start of two takes longer than their work here.
     server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env={**os.environ, "LMKIT_JOBS": "1"})
     lines = [server.stdout.readline(), server.stdout.readline()]
     yield re.search(r"http://\S+/", lines[1]).group()
@@ -84,7 +84,7 @@ def open_page(browser, address):
 
 
 def _is_problem(message) -> bool:
-    """Errors and warnings, but for those of the software that stands for a graphics card here."""
+    """Errors and warnings, without those of the software renderer that replaces a graphics card here."""
     return message.type in ("error", "warning") and "GL Driver Message" not in message.text
 
 
@@ -203,7 +203,7 @@ def test_a_run_that_starts_is_said_to_start(open_page):
 
 
 def test_live_states_hold_memory(browser, tmp_path):
-    """States of forty seconds with their images, ten times as fast: neither page nor server grows without bound."""
+    """Forty seconds of states with images, at ten times the speed: neither page nor server grows without bound."""
     script = tmp_path / "feed.py"
     script.write_text(FEED)
     words = [sys.executable, str(script), str(tmp_path / "room")]
@@ -224,7 +224,7 @@ def test_live_states_hold_memory(browser, tmp_path):
         server_mb, page_mb = zip(*sizes, strict=True)
         assert server_mb[-1] - server_mb[1] < 10, server_mb
         assert page_mb[-1] < 60, page_mb
-        # The map was drawn once; the robot, its trail and what it sees are what changed.
+        # The map was drawn once; only the robot, its trail and its landmarks in view changed.
         assert page.evaluate("still.isConnected && still.ownerDocument.querySelectorAll('.over .trail').length > 5")
         assert page.locator(".plan .mark.seen").count() == 1
         assert _serious(page) == []

@@ -1,4 +1,4 @@
-"""Cameras, Calibrate and Live from ``camera:N``, where a film stands for the device: in every process of the page."""
+"""Cameras, Calibrate and Live from ``camera:N``, with a video in place of the device in every process."""
 
 from __future__ import annotations
 

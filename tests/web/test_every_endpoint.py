@@ -12,7 +12,7 @@ ENDPOINTS = [
     (method, route.path) for route in routes() if isinstance(route, Route) for method in sorted(route.methods or ())
 ]
 CHANGES = [(method, path) for method, path in ENDPOINTS if method in ("POST", "PUT")]
-# They take no body, or one that is no JSON and has tests of its own.
+# Endpoints without a body, or with a body that is not JSON and has its own tests.
 WITHOUT_JSON = {
     "photos/{name}",
     "map/undo",

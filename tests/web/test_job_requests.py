@@ -62,7 +62,7 @@ def test_a_job_is_canceled_and_another_follows(serve, tmp_path):
         assert first["waits_for"] is None and second["waits_for"] == "Write the example"
         page.post(f"/api/jobs/{second['id']}/cancel")
         time.sleep(0.5)
-        for _ in range(2):  # the second wish does not disturb the end of the processes
+        for _ in range(2):  # a second cancel does not disturb the end of the processes
             page.post(f"/api/jobs/{first['id']}/cancel")
         ended = _ended(page, first)
         assert ended["state"] == "canceled" and ended["seconds"] < 20

@@ -127,7 +127,7 @@ def test_walls_that_do_not_close_say_where(mapped):
     short = [ROOM[3][0], (ROOM[3][0][0], ROOM[3][0][1] + 0.8 * (ROOM[3][1][1] - ROOM[3][0][1]))]
     shown = page.put("/api/floor", json={"version": "", "walls": _walls([*ROOM[:3], short])}).json()
     assert any(shown["gap"] == pytest.approx(end) for end in (short[1], ROOM[0][0]))  # both ends of the gap
-    inner = [(1.0, 1.0), (2.0, 1.0)]  # a wall that stands free in a room closes nothing, and opens nothing
+    inner = [(1.0, 1.0), (2.0, 1.0)]  # a free-standing wall in a room neither closes nor opens anything
     shown = page.put("/api/floor", json={"version": shown["version"], "walls": _walls([*ROOM, inner])}).json()
     assert shown["gap"] is None
 
