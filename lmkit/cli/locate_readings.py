@@ -34,23 +34,20 @@ def locate_readings(
     from lmkit.io.readings import read_readings
     from lmkit.localization.range_bearing import locate_planar, planar_dict, planar_line
     from lmkit.localization.readings_contradiction import find_readings_cause
-    from lmkit.model.pose_status import PoseStatus
 
     if not abs(time_offset) < 1e12:
         raise InputError("bad_offset", f"--time-offset {time_offset:g} is not a time", "give seconds, such as 0.2")
     noise = parse_noise(range_sigma, bearing_sigma)
     frames = read_readings(path, landmarks.families)
-    located = contradicted = 0
+    located = 0
     for time_s, seen in frames.items():
         estimate = locate_planar(seen, landmarks, noise)
         located += estimate.pose is not None
-        contradicted += estimate.status == PoseStatus.INCONSISTENT
         if as_json:
             print_json(planar_dict(estimate, path, time_s - time_offset))
         else:
             print_line(f"{time_s - time_offset:g} s: {planar_line(estimate)}")
-    # A contradiction in most frames has one common cause.
-    cause = find_readings_cause(list(frames.values()), landmarks, noise) if contradicted > located else None
+    cause = find_readings_cause(list(frames.values()), landmarks, noise)
     if located == 0:
         landmarks.require_any(reading.id for seen in frames.values() for reading in seen)
         hint = "two landmarks of the map are needed at once" if cause is None else str(cause)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lmkit.errors import InputError
+from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.rig import AnyRig, Rig, mounted_cameras
 
 LARGEST_SIDE_PX = 65535  # of an image
@@ -15,6 +16,9 @@ OPTICAL_RAD = 0.35
 LARGEST_BASE_M = 10.0
 UPRIGHT, ASIDE = 0.8, 0.5  # downward parts of an image's y axis
 OFF_CENTER = 0.3  # of the image's width or height, between principal point and center
+NEAR_CENTER = 0.05  # likewise, of an image whose width and height are swapped
+USUAL_BASELINE_M, PARALLEL_DEG = 2.0, 30.0  # of a stereo pair
+LARGE_TANGENTIAL = 0.02  # p1 and p2 of lenses are below 0.01; k3 and k4 of fisheye lenses often are not
 
 
 def require_plausible(rig: AnyRig, where: str) -> None:
@@ -93,6 +97,8 @@ def rig_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
             *base,
             f"{where}: the cameras look {angle_deg:.0f} deg apart: is R the inverse, or of other axes?",
         )
+    if rig.baseline_m > USUAL_BASELINE_M and angle_deg < PARALLEL_DEG:
+        return (*base, f"{where}: a baseline of {rig.baseline_m:.4g} m: are these centimeters or inches? Give meters")
     return base
 
 
@@ -102,12 +108,29 @@ def _lens_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:
     for camera in mounted_cameras(rig):
         (width, height), K = camera.model.image_size, camera.model.K
         off = abs(K[0, 2] / width - 0.5), abs(K[1, 2] / height - 0.5)
-        if max(off) > OFF_CENTER or min(off) > OFF_CENTER / 2:
+        swapped = abs(K[0, 2] / height - 0.5), abs(K[1, 2] / width - 0.5)
+        if min(off) > max(swapped) and max(swapped) < NEAR_CENTER:
+            texts.append(
+                f"{where}: the principal point of camera {camera.name} is the center of images of {height} x "
+                f"{width}, not of {width} x {height}: are width and height swapped?"
+            )
+        elif max(off) > OFF_CENTER or min(off) > OFF_CENTER / 2:
             texts.append(
                 f"{where}: the principal point of camera {camera.name} is ({K[0, 2]:.0f}, {K[1, 2]:.0f}) in "
                 f"images of {width} x {height}: is its K of another image size?"
             )
+        if _resembles_fisheye(camera.model):
+            texts.append(
+                f"{where}: tangential coefficients of camera {camera.name} up to "
+                f"{np.abs(camera.model.distortion[2:]).max():.2g} are more than lenses have: are the four those of a "
+                "fisheye lens (k1 k2 k3 k4)? Then state model: fisheye, or distortion_model: equidistant"
+            )
     return tuple(texts)
+
+
+def _resembles_fisheye(camera: CameraModel) -> bool:
+    D = camera.distortion
+    return camera.model == "pinhole" and len(D) == 4 and float(np.abs(D[2:]).max()) > LARGE_TANGENTIAL
 
 
 def base_warnings(rig: AnyRig, where: str) -> tuple[str, ...]:

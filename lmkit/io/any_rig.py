@@ -9,6 +9,7 @@ from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.rig import AnyRig
 from lmkit.geometry.rig_plausibility import require_plausible, rig_warnings
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.calibration_names import names_a_camera
 from lmkit.io.document_head import DocumentHead, head_of
 from lmkit.io.documents import is_folder, read_text
 from lmkit.io.map_kinds import program_of_map
@@ -17,9 +18,8 @@ from lmkit.io.single_cameras import is_single_camera, read_single_camera
 
 RigKind = TypeVar("RigKind", bound=AnyRig)
 
-# Keys that only camera_info has, and keys that only files of OpenCV have.
+# Keys that only camera_info has.
 ROS_KEYS = frozenset({"distortion_model", "camera_model", "rectification_matrix", "projection_matrix"})
-OPENCV_KEYS = frozenset({"M1", "K1", "cameraMatrix1", "cameraMatrixL", "camera_matrix_left", "camera_matrix"})
 # Keys of other files about cameras: the kind of file, and the file to give instead.
 _NO_RIGS = {
     "relative_config_imucam": ("settings of OpenVINS", "give its kalibr_imucam_chain.yaml"),
@@ -28,6 +28,7 @@ _NO_RIGS = {
     "BoardSize_Width": ("settings of OpenCV's calibration sample", "give the file that it writes"),
     "Settings": ("settings of OpenCV's calibration sample", "give the file that it writes"),
 }
+_BY_HAND = "of other tools, copy image_size, K and distortion into a lmkit-rig/1 (docs/formats.md)"
 KINDS = ("lmkit", "opencv", "ros", "kalibr")
 
 
@@ -70,7 +71,10 @@ def _read(path: Path) -> AnyRig:
 
         for name in FILES:
             if not (path / name).exists():
-                hint = f"give the rig file itself, or a folder with {' and '.join(FILES)} of ROS (camera_info)"
+                hint = (
+                    f"give the rig file itself, or a folder with {' and '.join(FILES)} of ROS (camera_info); "
+                    "files of other names: lmkit convert LEFT RIGHT --to lmkit -o rig.yaml"
+                )
                 raise InputError("is_folder", f"{path} is a folder without {name}", hint)
         return read_camera_infos(path / FILES[0], path / FILES[1])
     text = read_text(path, "rig file")
@@ -92,7 +96,7 @@ def _read(path: Path) -> AnyRig:
         return read_camera_info(path)
     if any(key.startswith(("Camera.", "Camera1.")) for key in head.keys):
         raise _orb_slam(path)
-    if text.lstrip().startswith(("%YAML", "<?xml", "<opencv_storage")) or head.keys & OPENCV_KEYS:
+    if text.lstrip().startswith(("%YAML", "<?xml", "<opencv_storage")) or names_a_camera(head.keys):
         from lmkit.io.opencv_rig import read_opencv_rig
 
         return read_opencv_rig(path)
@@ -103,7 +107,7 @@ def _read(path: Path) -> AnyRig:
 
 def _unknown(path: Path, text: str, head: DocumentHead) -> InputError:
     """Error for a file that is not a rig of a known kind; names the kind of file that it resembles."""
-    kinds = "lmkit, OpenCV, ROS (camera_info), Kalibr or PhotonVision"
+    kinds = f"lmkit, OpenCV, ROS (camera_info), Kalibr or PhotonVision; {_BY_HAND}"
     if "Camera-system parameters" in text[:2000]:
         return InputError(
             "not_a_rig", f"{path}: Kalibr's report", "give the camchain YAML that Kalibr writes into the same folder"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import yaml
 
-from lmkit.io.documents import MAX_VALUES, PlainLoader
+from lmkit.io.documents import MAX_VALUES, PlainLoader, without_opencv_line
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ def head_of(text: str) -> DocumentHead:
     keys: list[str] = []
     format_, depth, key = "", 0, None
     try:
-        for count, event in enumerate(yaml.parse(text.removeprefix("%YAML:1.0"), Loader=PlainLoader)):
+        for count, event in enumerate(yaml.parse(without_opencv_line(text), Loader=PlainLoader)):
             if isinstance(event, yaml.DocumentEndEvent) or count > MAX_VALUES:
                 break
             if depth == 0:

@@ -29,7 +29,15 @@ MAX_VALUES = 1_000_000  # of a document, keys included
 MAX_DEPTH = 40
 MAX_INTEGER = 2**63
 _NO_TIMES = ("tag:yaml.org,2002:timestamp", "tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
-_GZIP = b"\x1f\x8b"
+# First bytes of other files, and what to do with them.
+_BINARY = (
+    (b"\x1f\x8b", "unpack it first (gunzip)"),
+    (b"PK\x03\x04", "unpack it first; of a numpy file (.npz), write the arrays as JSON, with tolist()"),
+    (b"\x93NUMPY", "write the array of the numpy file as JSON or text, with tolist()"),
+    (b"\x80", "write what the pickle contains as JSON, arrays with tolist()"),
+    (b"MATLAB 5.0 MAT-file", "write its variables as YAML or JSON"),
+    (b"SQLite format 3", "give the file that was exported from the database"),
+)
 _BOMS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
@@ -121,16 +129,29 @@ def read_text(path: Path, what: str, most: int = MAX_BYTES) -> str:
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError:
-        hint = "unpack it first (gunzip)" if data.startswith(_GZIP) else f"give {with_article(what)}"
-        raise InputError("not_text", f"{path}: not a text file (UTF-8)", hint) from None
+        raise InputError("not_text", f"{path}: not a text file (UTF-8)", _how_to_read(data, what)) from None
     if "\0" in text:
-        raise InputError("not_text", f"{path}: not a text file (contains zero bytes)", f"give {with_article(what)}")
+        raise InputError("not_text", f"{path}: not a text file (contains zero bytes)", _how_to_read(data, what))
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _how_to_read(data: bytes, what: str) -> str:
+    """Advice for bytes that are no text of UTF-8."""
+    remedy = next((remedy for start, remedy in _BINARY if data.startswith(start)), None)
+    if remedy is not None:
+        return remedy
+    is_old_text = not any(byte < 0x20 and byte not in b"\t\n\r\f" for byte in data)
+    return "save it as UTF-8" if is_old_text else f"give {with_article(what)}"
 
 
 def is_folder(path: Path) -> bool:
     """Whether a path is a folder; no path raises an error."""
     return os.path.isdir(path)  # noqa: PTH112  (Path.is_dir raises for overlong names)
+
+
+def without_opencv_line(text: str) -> str:
+    """The text without the first line of cv2.FileStorage, which is not YAML."""
+    return text.removeprefix("%YAML:1.0")
 
 
 def load_document(
@@ -150,6 +171,7 @@ def load_document(
     Raises:
         InputError: ``bad_yaml`` with line and column, ``document_too_large``, or ``not_finite`` with the key.
     """
+    text = without_opencv_line(text)
     try:
         _check_bounds(path, text)
         reader: Any = loader(text)

@@ -109,7 +109,7 @@ def read_camchain(path: Path) -> AnyRig:
         InputError: not readable or not valid, or a camera has no pose relative to the previous one.
     """
     hint = "give a camchain as Kalibr writes it"
-    content = load_document(path, _text(path), finite=False)
+    content = load_document(path, read_text(path, "camchain"), finite=False)
     content = content if isinstance(content, dict) else {}
     names = [f"cam{k}" for k in range(max(1, sum(str(key).startswith("cam") for key in content)))]
     chain = []
@@ -121,7 +121,8 @@ def read_camchain(path: Path) -> AnyRig:
         except ValidationError as error:
             where, problem = first_problem(error)
             # A model that is not supported is as Kalibr writes it.
-            remedy = "calibrate again with pinhole-equi or pinhole-radtan" if where == "camera_model" else hint
+            is_model = where in ("camera_model", "distortion_model")
+            remedy = "calibrate again with pinhole-equi or pinhole-radtan" if is_model else hint
             raise InputError("bad_camchain", f"{path}: {name}.{where}: {problem}", remedy) from None
     try:
         T, poses = np.eye(4), [np.eye(4)]
@@ -165,11 +166,6 @@ def _between(before: _Camera, camera: _Camera) -> FloatArray | None:
         return np.array(camera.T_cn_cnm1)
     left, right = before.T_camera_imu(), camera.T_camera_imu()
     return None if left is None or right is None else right @ np.linalg.inv(left)
-
-
-def _text(path: Path) -> str:
-    """Text of the file without OpenCV's first line, which OpenVINS writes."""
-    return read_text(path, "camchain").removeprefix("%YAML:1.0")
 
 
 def _camera(data: _Camera) -> CameraModel:

@@ -203,7 +203,7 @@ def read_marker_mapper(path: Path, text: str, defaults: MarkerDefaults) -> list[
         InputError: corners in pixels, or of no square.
     """
     with _named(path, "bad_map", "a map of marker_mapper", "give id and four corners of every marker, in meters"):
-        data = load_document(path, _UNSPACED.sub(r"\1: ", text.removeprefix("%YAML:1.0")))
+        data = load_document(path, _UNSPACED.sub(r"\1: ", text))
         if int(data.get("aruco_bc_mInfoType", 1)) != 1:
             raise ValueError("its corners are in pixels (aruco_bc_mInfoType), not in meters")
         stated = str(data.get("aruco_bc_dict", "")).lower() or None

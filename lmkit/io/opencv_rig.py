@@ -13,44 +13,25 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.camera import CameraModel
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rectification import rectification
 from lmkit.geometry.rig import AnyRig, Rig
 from lmkit.geometry.rotations import orthonormal
 from lmkit.geometry.stereo_rig import StereoRig
+from lmkit.io.calibration_names import fields_by_name
 from lmkit.io.documents import PlainLoader, load_document, read_text
 from lmkit.io.field_problems import first_problem
 
-# Other common names of the same matrices.
-_NAMES = {
-    "M1": ("M1", "K1", "cameraMatrix1", "cameraMatrixL", "camera_matrix_left"),
-    "M2": ("M2", "K2", "cameraMatrix2", "cameraMatrixR", "camera_matrix_right"),
-    "D1": ("D1", "distCoeffs1", "distCoeffsL", "dist1"),
-    "D2": ("D2", "distCoeffs2", "distCoeffsR", "dist2"),
-    "R": ("R",),
-    "T": ("T", "t"),
-    "model": ("model",),
-    "image_width": ("image_width", "width", "image_Width"),
-    "image_height": ("image_height", "height", "image_Height"),
-}
-# One camera alone, as OpenCV's calibration sample writes it.
-_MONO_NAMES = {
-    "K": ("camera_matrix", "cameraMatrix", "K", "M", "mtx", "Camera_Matrix"),
-    "D": (
-        "distortion_coefficients",
-        "distCoeffs",
-        "D",
-        "dist",
-        "Distortion_Coefficients",
-        "dist_coeff",
-        "dist_coeffs",
-    ),
-    **{key: _NAMES[key] for key in ("model", "image_width", "image_height")},
-}
+_FIELDS = ("M1", "M2", "D1", "D2", "R", "T", "image_width", "image_height")  # of a stereo pair
+_MONO_FIELDS = ("K", "D", "image_width", "image_height")
 ALMOST = 1e-3
 _NO_OMNI = "calibrate again as fisheye: lmkit calibrate --model fisheye"
+_UNDECIDED = (
+    "four distortion coefficients are read as k1 k2 p1 p2 of a pinhole camera; where cv2.fisheye gave them, write "
+    "model: fisheye beside them"
+)
 _MODEL_OF_COUNT = {0: "pinhole", 4: "pinhole", 5: "pinhole", 8: "rational", 12: "rational", 14: "rational"}
 
 
@@ -101,32 +82,26 @@ def read_opencv_rig(path: Path) -> AnyRig:
     if text.lstrip().startswith("<"):
         content = _from_xml(path, text)
     else:
-        content = load_document(path, text.removeprefix("%YAML:1.0"), OpenCvLoader, finite=False)
+        content = load_document(path, text, OpenCvLoader, finite=False)
     content = content if isinstance(content, dict) else {}
     if "xi" in content:
         raise InputError("bad_opencv", f"{path}: an omnidirectional camera (xi), which is not supported", _NO_OMNI)
     if str(content.get("fisheye_model", "0")) not in ("0", ""):  # key of OpenCV's calibration sample
         content = {"model": "fisheye"} | content
-    size = content.get("imageSize", content.get("image_size"))
-    if isinstance(size, dict) and isinstance(size.get("data"), list):
-        size = size["data"]
-    if isinstance(size, list) and len(size) == 2:
-        content = {"image_width": size[0], "image_height": size[1]} | content
-    content = {key: _as_matrix(value) for key, value in content.items()}
-    named = {field: content[name] for field, names in _NAMES.items() for name in names if name in content}
-    alone = {field: content[name] for field, names in _MONO_NAMES.items() for name in names if name in content}
-    if not (named.keys() | alone.keys()) - {"model", "image_width", "image_height"}:
+    named = _named(path, {str(key): _as_matrix(value) for key, value in content.items()})
+    if named.keys().isdisjoint({"K", "D", "M1", "M2", "D1", "D2", "R", "T"}):
         keys = ", ".join(sorted(map(str, content))[:6]) or "none"
         raise InputError("not_a_rig", f"{path}: no camera matrix (M1, K, camera_matrix) among its keys: {keys}", hint)
-    is_alone = "K" in alone and not named.keys() & {"M1", "M2"}
-    missing = [key for key in (_MONO_NAMES if is_alone else _NAMES) if key not in (alone if is_alone else named)]
-    missing = [key for key in missing if key != "model"]
+    is_alone = "K" in named and named.keys().isdisjoint({"M1", "M2"})
+    missing = [key for key in (_MONO_FIELDS if is_alone else _FIELDS) if key not in named]
     if missing:
         several = "; stereo_calib writes R and T to another file: put all in one" if {"R", "T"} <= {*missing} else ""
         raise InputError("bad_opencv", f"{path}: {', '.join(missing)}: missing{several}", hint)
+    if "model" not in named and any(_is_undecided(named[key]) for key in named.keys() & {"D", "D1", "D2"}):
+        warn_caller(InputWarning(f"{path}: {_UNDECIDED}"))
     try:
-        if "K" in alone and not named.keys() & {"M1", "M2"}:
-            return Rig.of_one(_OpenCvCamera.model_validate(alone).camera())
+        if is_alone:
+            return Rig.of_one(_OpenCvCamera.model_validate(named).camera())
         data = _OpenCvRig.model_validate(named)
         cameras = [data.intrinsics(M, D) for M, D in ((data.M1, data.D1), (data.M2, data.D2))]
         R = data.R.array()
@@ -140,8 +115,40 @@ def read_opencv_rig(path: Path) -> AnyRig:
         raise InputError("bad_opencv", f"{path}: {error}", hint) from None
 
 
+def _named(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """Values by the field that their names stand for.
+
+    Raises:
+        InputError: two names stand for the same field, with different values.
+    """
+    named: dict[str, Any] = {}
+    origin: dict[str, str] = {}
+    for name, field in fields_by_name(content).items():
+        if named.setdefault(field, content[name]) != content[name]:
+            raise InputError(
+                "bad_opencv", f"{path}: {origin[field]} and {name} are both {field}, but differ", "keep one of them"
+            )
+        origin.setdefault(field, name)
+    size = named.pop("image_size", None)
+    if isinstance(size, dict) and isinstance(size.get("data"), list) and len(size["data"]) == 2:
+        named = {"image_width": size["data"][0], "image_height": size["data"][1]} | named
+    return named
+
+
+def _is_undecided(D: Any) -> bool:
+    """Whether a distortion may be of a pinhole or of a fisheye camera: four numbers, not all zero."""
+    data = D.get("data") if isinstance(D, dict) else None
+    return isinstance(data, list) and len(data) == 4 and any(data)
+
+
 def _as_matrix(value: Any) -> Any:
-    """Lists of numbers, as scripts write them with ``tolist``, as a matrix of cv2.FileStorage."""
+    """Lists of numbers, as scripts write them with ``tolist``, as a matrix of cv2.FileStorage.
+
+    OpenCV 5 writes arrays of one dimension with ``sizes``, without rows and cols.
+    """
+    if isinstance(value, dict) and isinstance(value.get("sizes"), list) and isinstance(value.get("data"), list):
+        sizes = value["sizes"]
+        return {"rows": 1, "cols": sizes[0], "data": value["data"]} if len(sizes) == 1 else value
     if not isinstance(value, list):
         return value
     rows = value if value and all(isinstance(row, list) for row in value) else [value]
@@ -200,7 +207,9 @@ class _Sized(BaseModel):
     image_height: Annotated[int, Field(gt=0)]
 
     def intrinsics(self, K: _Matrix, D: _Matrix) -> CameraModel:
-        model = self.model or _MODEL_OF_COUNT.get(len(D.data), "?")
+        model = self.model or _MODEL_OF_COUNT.get(len(D.data))
+        if model is None:
+            raise ValueError(f"{len(D.data)} distortion coefficients, expected 0, 4, 5, 8, 12 or 14")
         return CameraModel((self.image_width, self.image_height), K.array(), D.array().ravel(), model)
 
 

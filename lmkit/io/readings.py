@@ -1,4 +1,4 @@
-"""Readings files: range and bearing as CSV with the header ``time_s,code,range_m,bearing_rad``; one may be empty."""
+"""Readings files: CSV with the columns ``time_s,code,range_m,bearing_rad``; a range or a bearing may be empty."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.observation import RangeBearing
 
 COLUMNS = ("time_s", "code", "range_m", "bearing_rad")
-FAMILY = "family"  # a fifth column, where landmarks are of several families
+FAMILY = "family"  # a further column, where landmarks are of several families
+ALIASES = {
+    "t": "time_s", "time": "time_s", "timestamp": "time_s",
+    "id": "code", "tag_id": "code", "range": "range_m", "bearing": "bearing_rad",
+}  # fmt: skip
 FARTHEST_M, LARGEST_RAD = 500.0, 6.4  # larger values are ranges in millimeters and bearings in degrees
 
 
@@ -26,8 +30,8 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
         InputError: not readable, another header, or a row that is not a reading; names the line.
     """
     rows = read_rows(path, "readings file")
-    header = tuple(cell.strip() for cell in rows[0]) if rows else ()
-    if header not in (COLUMNS, (*COLUMNS, FAMILY)):
+    header = tuple(ALIASES.get(cell.lower(), cell) for cell in rows[0]) if rows else ()
+    if sorted(set(header) - {FAMILY}) != sorted(COLUMNS) or len(set(header)) < len(header):
         raise InputError(
             "bad_header", f"{path}: line 1 is {','.join(header)!r}", f"write the header {','.join(COLUMNS)}"
         )
@@ -38,8 +42,9 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
         try:
             if len(row) != len(header):
                 raise ValueError(f"{len(row)} values")
-            time = to_seconds(row[0])
-            distance, bearing = (to_number(cell) if cell else None for cell in row[2:4])
+            cells = dict(zip(header, row, strict=True))
+            time = to_seconds(cells["time_s"])
+            distance, bearing = (to_number(cells[name]) if cells[name] else None for name in COLUMNS[2:])
             if distance is None and bearing is None:
                 raise ValueError("neither range nor bearing")
             if distance is not None and distance <= 0:
@@ -54,9 +59,9 @@ def read_readings(path: Path, families: Sequence[str]) -> dict[float, list[Range
                 f"{path}: line {number} is not a reading ({plain_problem(error)})",
                 "write time_s,code,range_m,bearing_rad",
             ) from None
-        code = row[1].strip()
+        code = cells["code"]
         try:
-            id_ = LandmarkId.parse(f"{row[4].strip()}:{code}" if len(row) > 4 else code, families)
+            id_ = LandmarkId.parse(f"{cells[FAMILY]}:{code}" if FAMILY in cells else code, families)
         except InputError as error:
             raise InputError(error.code, f"{path}: line {number}: {error.message}", error.hint) from None
         frames.setdefault(time, []).append(RangeBearing(id_, distance, bearing, time))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.io.field_problems import plain_problem
 from lmkit.io.tables import read_rows, to_number, to_seconds
 from lmkit.model.corner_order import require_clockwise
@@ -20,10 +20,10 @@ from lmkit.model.recording import Gyro, Odometry, RigFrame
 # Other names of columns.
 ALIASES = {
     "t": "time_s", "time": "time_s", "timestamp": "time_s", "%time": "time_s", "#timestamp [ns]": "time_s",
-    "__time": "time_s", "Timestamp": "time_s",
+    "__time": "time_s",
     "v": "forward_mps", "w": "turn_radps", "wz": "rate_radps", "gyro_z": "rate_radps",
-    "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m", "yaw": "heading_rad",
-    "side": "camera", "tag_id": "code",
+    "d_left_m": "left_m", "d_right_m": "right_m", "x": "x_m", "y": "y_m",
+    "yaw": "heading_rad", "theta": "heading_rad", "side": "camera", "tag_id": "code",
 }  # fmt: skip
 # Suffixes of the names of message fields in rostopic and PlotJuggler.
 _IN_MESSAGES = {
@@ -31,6 +31,9 @@ _IN_MESSAGES = {
     "twist.angular.z": "turn_radps",
     "angular_velocity.z": "rate_radps",
 }
+_UNITS = frozenset({"s", "sec", "m", "rad", "m/s", "rad/s"})
+SIDEWAYS = 0.5  # of the way forward, over a second
+LEAST_WAY_M = 0.5
 PAIR = ("left", "right")  # cameras of a stereo rig
 CORNERS = ("x0", "y0", "x1", "y1", "x2", "y2", "x3", "y3")
 CORNER_SIGMA_PX = 0.3  # of corners without a standard deviation: typical of marker detectors
@@ -59,6 +62,7 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
         raise InputError("bad_header", f"{path}: no columns of odometry in {', '.join(columns)}", hint)
     times, values = columns["time_s"], [columns[name] for name in kind]
     if kind == _KINDS[0]:
+        _warn_of_sideways_motion(path, times, *values)
         return Odometry.from_poses(times, *values)
     if kind == _KINDS[1]:
         if track_m is None:
@@ -69,6 +73,26 @@ def read_odometry(path: Path, track_m: float | None = None) -> Odometry:
             )
         return Odometry.from_wheels(times, values[0], values[1], track_m)
     return Odometry.from_velocities(times, *values)
+
+
+def _warn_of_sideways_motion(
+    path: Path, times: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray
+) -> None:
+    """Warn of positions and headings that contradict each other; the way sideways is not used."""
+    later = np.searchsorted(times, times + 1.0)
+    rows = np.column_stack([np.arange(len(times)), later])[later < len(times)]
+    dx, dy = (np.diff(column[rows], axis=1)[:, 0] for column in (x, y))
+    middle = np.unwrap(heading)[rows].mean(axis=1)
+    forward, sideways = dx * np.cos(middle) + dy * np.sin(middle), dy * np.cos(middle) - dx * np.sin(middle)
+    count = max(float(np.mean(later - np.arange(len(times)))), 1.0)  # rows of a second, which overlap
+    forward_m, sideways_m = (float(np.linalg.norm(part)) / count**0.5 for part in (forward, sideways))
+    if max(forward_m, sideways_m) > LEAST_WAY_M and sideways_m > SIDEWAYS * forward_m:
+        sentence = (
+            f"{path}: the positions move {sideways_m / max(forward_m, 1e-9):.2g} times as far sideways as along the "
+            "heading, and only the way along it is used: are x and y swapped, or is the heading of another frame? "
+            "Odometry of a robot that drives sideways can be given as a TUM file"
+        )
+        warn_caller(InputWarning(sentence))
 
 
 def read_gyro(path: Path) -> Gyro:
@@ -181,9 +205,12 @@ def _header(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _column(name: str) -> str:
-    """lmkit's name of a column."""
-    dotted = "." + name.replace("/", ".")
-    return ALIASES.get(name) or next((ours for end, ours in _IN_MESSAGES.items() if dotted.endswith("." + end)), name)
+    """lmkit's name of a column; a unit in brackets must be lmkit's."""
+    plain, _, unit = name.replace("(", "[").replace(")", "]").partition("[")
+    plain = plain.rstrip() if unit.removesuffix("]") in _UNITS else name
+    dotted = "." + plain.replace("/", ".")
+    in_message = next((ours for end, ours in _IN_MESSAGES.items() if dotted.endswith("." + end)), plain)
+    return ALIASES.get(name.lower()) or ALIASES.get(plain.lower()) or in_message
 
 
 def _is_number(cell: str) -> bool:

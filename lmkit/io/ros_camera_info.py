@@ -23,6 +23,9 @@ from lmkit.io.tables import LARGEST
 
 FILES = ("left.yaml", "right.yaml")
 _FROM_ROS = {lens.ros_name: name for name, lens in LENS_MODELS.items()} | {"fisheye": "fisheye"}
+_UNDISTORTED = ("", "none", "None")  # of simulators and rectified images
+# image_geometry of ROS gives the coefficients of both to OpenCV, which goes by their number.
+_BY_COUNT = {"plumb_bob": (8, "rational"), "rational_polynomial": (5, "pinhole")}
 _MESSAGE_KEYS = {
     "width": "image_width", "height": "image_height",
     "K": "camera_matrix", "D": "distortion_coefficients", "R": "rectification_matrix", "P": "projection_matrix",
@@ -60,8 +63,8 @@ class _CameraInfo(BaseModel):
     camera_matrix: _Matrix
     distortion_model: str
     distortion_coefficients: _Matrix
-    rectification_matrix: _Matrix
-    projection_matrix: _Matrix
+    rectification_matrix: _Matrix | None = None  # of one camera alone, neither is needed
+    projection_matrix: _Matrix | None = None
     binning_x: int = 0
     binning_y: int = 0
     roi: _Part = _Part()
@@ -191,20 +194,27 @@ def _as_calibrated(data: Any) -> Any:
 
 
 def _camera(path: Path, info: _CameraInfo) -> CameraModel:
-    model = _FROM_ROS.get(info.distortion_model)
+    distortion = np.array(info.distortion_coefficients.data)
+    count, other = _BY_COUNT.get(info.distortion_model, (-1, ""))
+    model = other if len(distortion) == count else _FROM_ROS.get(info.distortion_model)
+    if info.distortion_model in _UNDISTORTED and not distortion.any():
+        model, distortion = "pinhole", distortion[:0]
     if model is None:
         known = ", ".join(_FROM_ROS)
         raise InputError("bad_camera_info", f"{path}: distortion_model {info.distortion_model!r}", f"known: {known}")
     try:
         K = _array(info.camera_matrix, (3, 3), "camera_matrix", path)
-        return CameraModel(
-            (info.image_width, info.image_height), K, np.array(info.distortion_coefficients.data), model
-        )
+        if not K.any():
+            raise ValueError("its camera matrix is zero: the camera is not calibrated")
+        return CameraModel((info.image_width, info.image_height), K, distortion, model)
     except ValueError as error:
         raise InputError("bad_camera_info", f"{path}: {error}", "see docs/formats.md") from None
 
 
-def _array(matrix: _Matrix, shape: tuple[int, int], name: str, path: Path) -> FloatArray:
+def _array(matrix: _Matrix | None, shape: tuple[int, int], name: str, path: Path) -> FloatArray:
+    if matrix is None:
+        hint = "give the pair as stereo calibration wrote it"
+        raise InputError("bad_camera_info", f"{path}: {name}: missing", hint)
     if (matrix.rows, matrix.cols) != shape or len(matrix.data) != shape[0] * shape[1]:
         raise InputError("bad_camera_info", f"{path}: {name} is not {shape[0]} x {shape[1]}", "see docs/formats.md")
     return np.array(matrix.data).reshape(shape)

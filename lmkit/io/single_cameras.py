@@ -39,7 +39,7 @@ def read_single_camera(path: Path, text: str) -> Rig:
     """
     from lmkit.io.opencv_rig import OpenCvLoader
 
-    content = load_document(path, text.removeprefix("%YAML:1.0"), OpenCvLoader)
+    content = load_document(path, text, OpenCvLoader)
     try:
         if content.keys() >= PHOTONVISION:
             camera = _photonvision(content)

@@ -19,7 +19,7 @@ LARGEST_TIME = 1e19
 
 
 def read_rows(path: Path, what: str) -> list[list[str]]:
-    """Rows of cells without the space around them.
+    """Rows of cells without the space around them, and without empty cells behind the last column.
 
     Raises:
         InputError: not readable, empty, or not a table.
@@ -33,6 +33,8 @@ def read_rows(path: Path, what: str) -> list[list[str]]:
         rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=separator)]
     except csv.Error as error:
         raise InputError("bad_table", f"{path}: not a table ({error})", f"give {with_article(what)} as CSV") from None
+    columns = len(rows[0])
+    rows = [row[:columns] if len(row) > columns and not any(row[columns:]) else row for row in rows]
     if separator == ";":
         rows = rows[:1] + [[_with_decimal_point(cell) for cell in row] for row in rows[1:]]
     return rows

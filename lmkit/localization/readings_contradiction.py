@@ -17,12 +17,18 @@ from lmkit.localization.range_bearing_noise import ReadingNoise
 from lmkit.localization.rig_contradiction import Cause
 from lmkit.model.landmark_map import LandmarkMap
 from lmkit.model.observation import RangeBearing
+from lmkit.model.scan import POLE
 from lmkit.units import unit_of_ratio
 
+ANOTHER_MAP = "another_map"  # code of a contradiction whose cause is not certain
 FRAMES = 20  # that are tested
-LEAST_LANDMARKS = 3  # in a frame: two agree with nearly everything
+FREE = 2  # landmarks of a frame that agree with nearly everything, also if all bearings are mirrored
+LEAST_LANDMARKS = FREE + 1  # in a frame
 AGREES, CONTRADICTS = 0.6, 0.5  # shares of the readings that poses explain
 OFF_SCALE, ALIKE = 0.12, 0.15  # logarithms of ratios: from 1, and among each other
+
+BEHIND = 0.8  # share of landmarks read from behind: of one wall, mirrored bearings agree with a place behind it
+BEARING_SIGN = Cause("bearing_sign", "bearings have the other sign: write them positive to the left, in radians")
 
 Frame = Sequence[RangeBearing]
 
@@ -36,22 +42,44 @@ def find_readings_cause(frames: Sequence[Frame], landmarks: LandmarkMap, noise: 
     mapped = [[r for r in seen if r.id in landmarks] for seen in frames]
     some = sorted(mapped, key=lambda seen: len({r.id for r in seen}), reverse=True)[:FRAMES]
     some = [seen for seen in some if len({r.id for r in seen}) >= LEAST_LANDMARKS]
-    if not some or _share(some, landmarks, noise) > CONTRADICTS:
+    if not some:
         return None
+    if _share(some, landmarks, noise, FREE) > CONTRADICTS:
+        mirrored = [[_turned(r, -1.0) for r in seen] for seen in some]
+        is_mirrored = _from_behind(some, landmarks, noise) > BEHIND and (
+            _share(mirrored, landmarks, noise, FREE) > AGREES
+            and _from_behind(mirrored, landmarks, noise) < 1 - BEHIND
+        )
+        return BEARING_SIGN if is_mirrored else None
     for cause, change in _variants(some, landmarks):
-        if _share([[change(r) for r in seen] for seen in some], landmarks, noise) > AGREES:
+        if _share([[change(r) for r in seen] for seen in some], landmarks, noise, FREE) > AGREES:
             return cause
+    if _share(some, landmarks, noise) > CONTRADICTS:
+        return None  # single landmarks that were moved
     return Cause(
-        "another_map",
+        ANOTHER_MAP,
         "the landmarks read are in the map, but at other places: it is the map of another place, they were moved, "
         "or the map has other axes or units",
     )
 
 
-def _share(frames: Sequence[Frame], landmarks: LandmarkMap, noise: ReadingNoise) -> float:
-    """Share of the landmarks read that the frames' poses explain."""
-    read = sum(len({r.id for r in seen}) for seen in frames)
-    return sum(len(locate_planar(seen, landmarks, noise).inliers) for seen in frames) / read
+def _share(frames: Sequence[Frame], landmarks: LandmarkMap, noise: ReadingNoise, free: int = 0) -> float:
+    """Share of the landmarks read that the frames' poses explain, beyond the first ``free`` of each frame."""
+    read = sum(len({r.id for r in seen}) - free for seen in frames)
+    explained = [len(locate_planar(seen, landmarks, noise).inliers) - free for seen in frames]
+    return sum(max(count, 0) for count in explained) / read
+
+
+def _from_behind(frames: Sequence[Frame], landmarks: LandmarkMap, noise: ReadingNoise) -> float:
+    """Share of the landmarks with a face that are read from behind; 0 if none has a face."""
+    sides = []
+    for seen in frames:
+        estimate = locate_planar(seen, landmarks, noise)
+        if estimate.pose is not None:
+            place = np.array([estimate.pose.x_m, estimate.pose.y_m])
+            faces = [m.T_map_landmark for m in landmarks if m.id in estimate.inliers and m.family != POLE]
+            sides += [bool(T.R[:2, 2] @ (place - T.t[:2]) < 0) for T in faces]
+    return float(np.mean(sides)) if sides else 0.0
 
 
 def _variants(
@@ -63,10 +91,7 @@ def _variants(
         unit = unit_of_ratio(ratio) or unit_of_ratio(1 / ratio)
         text = f"ranges are {ratio:.3g} times as long as in the map: check the units of ranges and map{unit}"
         yield Cause("range_unit", text), lambda r: _scaled(r, 1 / ratio)
-    yield (
-        Cause("bearing_sign", "bearings have the other sign: write them positive to the left, in radians"),
-        lambda r: _turned(r, -1.0),
-    )
+    yield BEARING_SIGN, lambda r: _turned(r, -1.0)
     for sign in (1.0, -1.0):
         text = "bearings are in degrees" + ("" if sign > 0 else ", of the other sign")
         yield (

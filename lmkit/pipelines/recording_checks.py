@@ -17,6 +17,8 @@ from lmkit.io.readings import FARTHEST_M, LARGEST_RAD
 from lmkit.localization.absolute_pose import locate_rig
 from lmkit.localization.mirror import find_mirror
 from lmkit.localization.range_bearing import locate_planar
+from lmkit.localization.range_bearing_noise import DRIVE_NOISE
+from lmkit.localization.readings_contradiction import ANOTHER_MAP, find_readings_cause
 from lmkit.localization.rig_contradiction import find_rig_cause, size_doubt
 from lmkit.model.corner_order import require_clockwise
 from lmkit.model.landmark_id import LandmarkId
@@ -58,6 +60,8 @@ def require_plausible_recording(
     require_seconds(recording.times_s)
     require_clockwise(o for frame in recording.frames for o in frame.detections)
     _require_plausible_readings(recording)
+    if landmarks is not None:
+        _require_agreeing_readings(recording, landmarks)
     if (doubt := order_doubt(recording.frames)) is not None:
         warn_caller(InputWarning(doubt))
     if rig is not None:
@@ -103,6 +107,13 @@ def _require_plausible_readings(recording: Recording) -> None:
                 continue
             hint = "give ranges in meters and bearings in radians"
             raise InputError("bad_reading", f"a {what} to {reading.id} at {time_s:g} s is not a reading", hint)
+
+
+def _require_agreeing_readings(recording: Recording, landmarks: LandmarkMap) -> None:
+    cause = find_readings_cause([seen for _, seen in recording.readings], landmarks, DRIVE_NOISE)
+    if cause is not None and cause.code != ANOTHER_MAP:
+        what, _, hint = str(cause).partition(": ")
+        raise InputError(cause.code, f"the readings contradict the map: {what}", hint)
 
 
 def order_doubt(frames: Sequence[RigFrame]) -> str | None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
 from lmkit.errors import InputError
+from lmkit.io.readings import read_readings
 from lmkit.io.recording_tables import read_gyro, read_odometry
 from lmkit.io.trajectory import read_trajectory
 
@@ -114,3 +117,45 @@ def test_a_table_without_a_header_is_named(tmp_path):
         read_odometry(
             write(tmp_path, "100,0,odom,base_link,0.1,0.0,0.0,0.0,0.0,1.0\n100,5,odom,base_link,0,0,0,0,0,1\n")
         )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ODOMETRY.replace("time_s,x_m,y_m,heading_rad", "Time,X,Y,Yaw"),
+        ODOMETRY.replace("time_s,x_m,y_m,heading_rad", "timestamp [s],x [m],y (m),theta [rad]"),
+        ODOMETRY.replace("\n0", ",\n0").replace("0.2\n", "0.2,\n").replace("heading_rad,", "heading_rad"),
+    ],
+)
+def test_headers_with_units_and_capitals_and_commas_at_the_end(tmp_path, text):
+    expected, found = read_odometry(write(tmp_path, ODOMETRY)), read_odometry(write(tmp_path, text))
+    assert np.array_equal(found.forward_m, expected.forward_m)
+    assert np.array_equal(found.turn_rad, expected.turn_rad)
+
+
+def test_another_unit_in_a_header_is_not_passed_over(tmp_path):
+    with pytest.raises(InputError, match="no columns of odometry"):
+        read_odometry(write(tmp_path, ODOMETRY.replace("x_m", "x [mm]")))
+
+
+@pytest.mark.parametrize("is_swapped", [False, True])
+def test_positions_that_move_sideways_are_doubted(tmp_path, is_swapped):
+    """A quarter of a circle, 2 m of radius, in 10 s."""
+    angles = np.linspace(0, np.pi / 2, 101)
+    x, y = 2 * np.sin(angles), 2 - 2 * np.cos(angles)
+    columns = (y, x) if is_swapped else (x, y)
+    rows = np.column_stack([np.arange(101) / 10, *columns, angles])
+    path = write(tmp_path, "time_s,x,y,yaw\n" + "\n".join(",".join(map(str, row)) for row in rows.tolist()))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_odometry(path)
+    assert ["are x and y swapped" in str(w.message) for w in caught] == [True] * is_swapped
+
+
+def test_readings_are_read_by_the_names_of_their_columns(tmp_path):
+    rows = read_readings(write(tmp_path, "time_s,code,range_m,bearing_rad\n0.5,7,2.0,0.1\n0.5,8,,0.2\n"), ("lm8",))
+    text = "Bearing,family,id,Range,t\n0.1,lm8,7,2.0,0.5\n0.2,lm8,8,,0.5\n"
+    assert read_readings(write(tmp_path, text), ("lm8", "lm12")) == rows
+    for header in ("time_s,code,range_m", "time_s,code,range_m,bearing_rad,range", "time_s,code,range_m,bearing_deg"):
+        with pytest.raises(InputError, match="line 1 is"):
+            read_readings(write(tmp_path, f"{header}\n0.5,7,2.0,0.1\n"), ("lm8",))

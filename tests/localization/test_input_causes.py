@@ -21,7 +21,7 @@ from lmkit.localization.readings_contradiction import find_readings_cause
 from lmkit.localization.rig_contradiction import find_rig_cause
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.model.observation import RangeBearing
-from lmkit.model.recording import Recording, RigFrame
+from lmkit.model.recording import Odometry, Recording, RigFrame
 from lmkit.simulation.recording import make_drive
 
 
@@ -143,6 +143,55 @@ def test_why_readings_contradict_the_map(code, ranges, bearings, places, word):
     cause = find_readings_cause(changed, elsewhere, ReadingNoise())
     assert (cause.code if cause else "") == code
     assert word in str(cause)
+
+
+def wall_readings(sign: float, count: int) -> tuple[LandmarkMap, list[list[RangeBearing]]]:
+    """Landmarks of one wall, which face +y, and readings from four poses in front of it."""
+    landmarks = LandmarkMap([MappedLandmark(lm8(k), 0.18, wall_pose([k, 0.0, 1.0], np.pi / 2)) for k in range(count)])
+    frames = []
+    for x, y, heading in ((0.5, 2.0, -1.5), (1.0, 2.5, -1.2), (2.0, 1.5, -1.8), (2.5, 3.0, -1.0)):
+        off = np.array([m.T_map_landmark.t[:2] for m in landmarks]) - (x, y)
+        bearings = (np.arctan2(off[:, 1], off[:, 0]) - heading + np.pi) % (2 * np.pi) - np.pi
+        values = zip(np.linalg.norm(off, axis=1).tolist(), (sign * bearings).tolist(), strict=True)
+        frames.append([RangeBearing(lm8(k), *pair) for k, pair in enumerate(values)])
+    return landmarks, frames
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_mirrored_bearings_to_one_wall_are_not_a_place_behind_it(count):
+    """Both places explain all readings; a landmark is read from its front."""
+    landmarks, frames = wall_readings(1.0, count)
+    assert find_readings_cause(frames, landmarks, ReadingNoise()) is None
+    landmarks, frames = wall_readings(-1.0, count)
+    cause = find_readings_cause(frames, landmarks, ReadingNoise())
+    assert cause is not None
+    assert cause.code == "bearing_sign"
+
+
+def test_mirrored_bearings_to_three_landmarks_are_named():
+    """A pose explains any two of them."""
+    landmarks, frames = ring()
+    three = [[replace(r, bearing_rad=-r.bearing_rad) for r in seen[:3]] for seen in frames]
+    cause = find_readings_cause(three, landmarks, ReadingNoise())
+    assert cause is not None
+    assert cause.code == "bearing_sign"
+
+
+def test_one_moved_landmark_of_three_has_no_common_cause():
+    landmarks, frames = ring()
+    three = [seen[:3] for seen in frames]
+    first, second, *rest = landmarks
+    T = replace(second.T_map_landmark, t=second.T_map_landmark.t + np.array([0.7, 0.4, 0.0]))
+    moved = LandmarkMap([first, replace(second, T_map_landmark=T), *rest])
+    assert find_readings_cause(three, moved, ReadingNoise()) is None
+
+
+def test_track_refuses_mirrored_bearings():
+    landmarks, frames = wall_readings(-1.0, 4)
+    readings = tuple((float(k), tuple(replace(r, time_s=float(k)) for r in seen)) for k, seen in enumerate(frames))
+    odometry = Odometry.from_velocities(np.arange(5.0), np.full(5, 0.7), np.zeros(5))
+    with pytest.raises(InputError, match="bearings have the other sign"):
+        lmkit.track(Recording(readings=readings, odometry=odometry), None, landmarks)
 
 
 def test_locate_names_why_readings_contradict_the_map(lmkit, tmp_path):
