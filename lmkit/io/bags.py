@@ -52,6 +52,9 @@ class Unpacked:
     content: bytes
 
 
+LATEST_STAMP_S = 2.0**31  # 32 bits, in January 2038
+
+
 def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
     """The files of a recording: images in the order of the bag, tables at the end.
 
@@ -198,6 +201,12 @@ def poses_to_bag(folder: Path, trajectory: Trajectory, frame: str = "map") -> No
 
     if folder.exists():
         raise InputError("file_exists", f"{folder} exists", "choose another name with -o")
+    if (latest := float(np.abs(trajectory.times_s).max())) >= LATEST_STAMP_S:
+        raise InputError(
+            "implausible_times",
+            f"the trajectory has times up to {latest:.10g} s, and stamps of ROS end at {LATEST_STAMP_S:g} s",
+            "write times in seconds: divide milliseconds by 1000",
+        )
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = store.types
     stamped, path = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Path"

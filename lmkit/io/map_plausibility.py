@@ -8,12 +8,15 @@ import numpy as np
 
 from lmkit.arrays import FloatArray
 from lmkit.errors import InputError, InputWarning, warn_caller
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.geometry.rotations import quaternion_to_matrix
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.model.landmark_overlap import overlaps
+from lmkit.model.scan import POLE
 
 HIGHEST_M, WIDEST_M = 20.0, 1000.0  # of maps in a building or on a field
 # Distance in sides of a landmark of 15 px with a focal length of 15,000 px: farther landmarks are never in one image.
 FARTHEST_SIZES = 1000.0
+UPRIGHT, SAME_WALL = 0.99, 0.7  # cosines: of a landmark's y axis with the vertical, and of two normals
 HARDLY_HIGH_M = 100.0  # floors are near z = 0
 
 
@@ -38,6 +41,12 @@ def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
             "millimeters? Give meters"
         )
         warn_caller(InputWarning(sentence))
+    if _reads_upright_with_w_first(mapped):
+        sentence = (
+            f"{path}: every landmark is upright if its quaternion is read with w first, and not if read as x y z w: "
+            "write x y z w"
+        )
+        warn_caller(InputWarning(sentence))
     for a, b, apart in overlaps(mapped):
         sentence = (
             f"{path}: {a.id} and {b.id} overlap, {1000 * apart:.0f} mm from center to center: correct the place or "
@@ -45,6 +54,16 @@ def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
         )
         warn_caller(InputWarning(sentence))
     return landmarks
+
+
+def _reads_upright_with_w_first(mapped: list[MappedLandmark]) -> bool:
+    """Whether landmarks of several walls are all upright with quaternions w x y z, and not with those read."""
+    faced = [m for m in mapped if m.id.family != POLE]
+    quaternions = np.array([m.T_map_landmark.quaternion_xyzw for m in faced]).reshape(-1, 4)
+    as_read, w_first = (quaternion_to_matrix(q) for q in (quaternions, quaternions[:, [1, 2, 3, 0]]))
+    normals = w_first[:, :, 2]
+    are_several = len(faced) > 1 and float((normals @ normals.T).min()) < SAME_WALL
+    return are_several and bool((w_first[:, 2, 1] > UPRIGHT).all()) and not (as_read[:, 2, 1] > UPRIGHT).all()
 
 
 def _require_in_sight(path: Path, places: FloatArray, sizes_m: FloatArray, height_m: float) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lmkit.arrays import BoolArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.io.documents import load_document
 from lmkit.io.field_problems import first_problem
 from lmkit.io.floor_grid import floor_of_grid
@@ -23,6 +23,7 @@ from lmkit.io.floor_islands import PLAIN_DRAWING, DrawingOptions
 from lmkit.io.images import read_gray
 from lmkit.model.floor_plan import FloorPlan
 
+MOST_WALLS = 1.5  # of walls to free cells; walls of maps are thin
 UNKNOWN_GRAY = 205.5 / 255
 Share = Annotated[float, Field(ge=0, le=1)]
 Coordinate = Annotated[float, Field(ge=-1e8, le=1e8)]  # m or rad; coordinates of a country's grid reach 1e7
@@ -66,7 +67,15 @@ def read_ros_map(path: Path, text: str, drawing: DrawingOptions = PLAIN_DRAWING)
             "map_mode", f"{path}: negate has no meaning in mode raw (nav2)", "save the map without negate"
         )
     free, solid = _cells(path.parent / data.image, data)
+    if solid.sum() > MOST_WALLS * max(free.sum(), 1):
+        share = 100 * solid.sum() / (solid.sum() + free.sum())
+        sentence = f"{path}: {share:.0f} % of the known cells are walls: is negate wrong, or the mode?"
+        warn_caller(InputWarning(sentence))
     rotation = data.origin[2] if len(data.origin) > 2 else 0.0
+    if abs(rotation) > 2 * np.pi:
+        raise InputError(
+            "bad_value", f"{path}: origin: a yaw of {rotation:g} rad: degrees?", "write the yaw in radians"
+        )
     origin = (data.origin[0], data.origin[1])
     return floor_of_grid(path, free[::-1], data.resolution, origin, rotation, solid[::-1], drawing)
 

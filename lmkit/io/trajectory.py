@@ -24,7 +24,16 @@ from lmkit.units import NANOSECONDS_FROM
 UNIT = 1e-2
 KITTI_COUNT = 12  # numbers a row: R and t, without a time
 _TUM = (0, 1, 2, 3, 4, 5, 6, 7)
-_EUROC = (0, 1, 2, 3, 5, 6, 7, 4)  # EuRoC writes w first, then velocities and biases
+LONGEST_HEADER = 10_000  # characters
+# Names of columns: x, tx, p_RS_R_x, pose.position.x; qw, q_RS_w, pose.orientation.w.
+_POSITION = re.compile(
+    r"(?:(?:p|t|pos|position|trans|translation)(?:_[a-z]{1,9}){0,3}_?)?([xyz])(?:_m)?"
+    r"|.*[./](?:pos|position|translation)[./]([xyz])"
+)
+_QUATERNION = re.compile(
+    r"(?:q|o|quat|quaternion|rot|orientation)(?:_[a-z]{1,9}){0,3}_?([wxyz])"
+    r"|.*[./](?:quaternion|orientation|rotation)[./]([wxyz])"
+)
 _HINT = "write lines of time x y z qx qy qz qw, separated by spaces; # starts a comment"
 
 
@@ -40,7 +49,7 @@ def poses_to_tum(poses: Iterable[tuple[float, Pose]]) -> str:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """The poses of a TUM file, or of EuRoC's CSV (with w first, by its header); seconds or nanoseconds.
+    """The poses of a TUM file, or of a table whose header names its columns (EuRoC's CSV); seconds or nanoseconds.
 
     Raises:
         InputError: not readable, or a line is not a pose; names the line.
@@ -65,7 +74,7 @@ def _plain_table(text: str) -> FloatArray | None:
     except ValueError:
         return None
     head = re.match(r"(?:[^\S\n]*(?:#.*)?\n)*", text)  # a title may precede the names of the columns
-    if any(_named_order(line) == _EUROC for line in (head[0].splitlines() if head else ())):
+    if any(_named_order(line) not in (None, _TUM) for line in (head[0].splitlines() if head else ())):
         return None
     if table.shape[1] != len(_TUM) or len(table) < 2:
         return None
@@ -88,19 +97,26 @@ def _checked_rows(path: Path, text: str) -> list[list[float]]:
     for number, line in enumerate(text.splitlines(), start=1):
         if not rows and (named := _named_order(line)) is not None:
             order, has_more = named, True
-        words = line.split("#", 1)[0].replace(",", " ").split()
+            continue
+        words = _words(line.split("#", 1)[0])
+        words = words if has_more else [word for cell in words for word in cell.split()]
         if not rows and order is _TUM and len(words) == KITTI_COUNT:
             hint = "give times as TUM lines; lmkit evaluate compares two such files row by row"
             raise InputError("no_times", f"{path}: KITTI poses, which have no times", hint)
-        if not words or (not rows and words[0].lower().startswith("time")):
+        if not any(words) or (not rows and words[0].lower().startswith("time")):
             continue
+        if len(words) <= max(order) or (len(words) > 8 and not has_more):
+            expected = max(order) + 1 if has_more else 8
+            raise InputError(
+                "bad_trajectory", f"{path}: line {number} holds {len(words)} numbers, not {expected}", _HINT
+            )
+        words = [words[k] for k in order]
+        if has_more and not any(words[1:]):
+            continue  # a time without a pose
         try:
             row = [to_seconds(words[0]), *(to_number(word) for word in words[1:])]
         except ValueError as error:
             raise InputError("bad_trajectory", f"{path}: line {number}: {plain_problem(error)}", _HINT) from None
-        if len(row) < 8 or (len(row) > 8 and not has_more):
-            raise InputError("bad_trajectory", f"{path}: line {number} holds {len(row)} numbers, not 8", _HINT)
-        row = [row[k] for k in order]
         if abs(math.hypot(*row[4:]) - 1) > UNIT:
             raise InputError("bad_trajectory", f"{path}: line {number}: the quaternion is not of length 1", _HINT)
         if rows and row[0] == rows[-1][0]:
@@ -182,15 +198,33 @@ def _plain_kitti(lines: Sequence[str]) -> Trajectory | None:
 
 
 def _named_order(line: str) -> tuple[int, ...] | None:
-    """Order of the columns that a header names, w first (EuRoC, TUM-VI) or last; None if it names no quaternion.
+    """Columns of time x y z qx qy qz qw, by the names of a header; None if it does not name all of them.
 
-    Columns after these eight, such as covariances, are not read.
+    Other columns, such as covariances, are not read.
+
+    Examples:
+        >>> _named_order("#timestamp [ns],qw,qx,qy,qz,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]")
+        (0, 5, 6, 7, 2, 3, 4, 1)
     """
-    names = re.split(r"\s*[,;]\s*|\s+", re.sub(r"\[.*?\]|\(.*?\)", "", line).strip("#% ,;").lower())
-    ends = "".join(name[-1:] for name in names[4:8])
-    if len(names) < 8 or any(len(re.split(r"[_./]", name)[-1]) > 2 for name in names[4:8]):
+    if len(line) > LONGEST_HEADER:
         return None
-    return {"wxyz": _EUROC, "xyzw": _TUM}.get(ends)
+    plain = re.sub(r"\[[^\]]*\]|\([^)]*\)", "", line).strip("#% ").lower()
+    columns: dict[str, int] = {}
+    for number, word in enumerate(_words(plain)):
+        name = word.strip("#% ")
+        if name in ("t", "sec", "seconds") or "time" in name or "stamp" in name:
+            columns.setdefault("t", number)
+        for kind, pattern in (("p", _POSITION), ("q", _QUATERNION)):
+            if found := pattern.fullmatch(name):
+                columns.setdefault(kind + (found[1] or found[2]), number)
+    order = [columns.get(name) for name in ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")]
+    return None if None in order else tuple(number for number in order if number is not None)
+
+
+def _words(line: str) -> list[str]:
+    """Cells of a row separated by commas or by spaces, without quotation marks."""
+    words = line.split(",") if "," in line else line.split()
+    return [word.strip(" \t\"'") for word in words]
 
 
 def _trajectory(rows: Sequence[Sequence[float]] | FloatArray) -> Trajectory:

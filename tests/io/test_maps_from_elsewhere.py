@@ -18,7 +18,7 @@ from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.marker_maps import MarkerDefaults
 from lmkit.model.landmark_id import LandmarkId
-from lmkit.model.landmark_map import LandmarkMap
+from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.simulation.recording import make_drive
 
 LANDMARKS = make_drive(0, seconds=3).landmarks
@@ -179,3 +179,53 @@ def test_two_landmarks_in_one_place_are_named(tmp_path):
     doubled = LandmarkMap([first, replace(second, T_map_landmark=first.T_map_landmark), *rest])
     with pytest.warns(InputWarning, match="overlap, 0 mm"):
         read_any_map(file(tmp_path, yaml.safe_load(map_to_yaml(doubled))))
+
+
+@pytest.mark.parametrize(
+    ("rotation", "is_read"), [("x: 0.6, y: 0, z: 0, w: 0.8", True), ("x: 90, y: 0, z: 0", False)]
+)
+def test_a_tagslam_rotation_may_be_a_quaternion_but_not_degrees(tmp_path, rotation, is_read):
+    pose = f"pose: {{position: {{x: 1, y: 2, z: 3}}, rotation: {{{rotation}}}}}"
+    path = tmp_path / "map"
+    path.write_text(f"bodies:\n- a: {{is_static: true, tags: [{{id: 1, size: 0.16, {pose}}}]}}\n")
+    defaults = MarkerDefaults("tag36h11")
+    if is_read:
+        assert np.allclose(next(iter(read_any_map(path, defaults))).T_map_landmark.quaternion_xyzw, [0.6, 0, 0, 0.8])
+    else:
+        with pytest.raises(InputError, match="degrees"):
+            read_any_map(path, defaults)
+
+
+def upright(code: int, heading: float) -> MappedLandmark:
+    return MappedLandmark(LandmarkId("lm8", code), 0.18, wall_pose([code, 0.0, 1.5], heading))
+
+
+def with_quaternions(markers, order) -> object:
+    """Values of a map file whose quaternions are written in another order."""
+    data = yaml.safe_load(map_to_yaml(LandmarkMap(markers)))
+    for landmark in data["landmarks"]:
+        landmark["quaternion"] = [landmark["quaternion"][k] for k in order]
+    return data
+
+
+@pytest.mark.parametrize("headings", [(0.0, np.pi / 2), (0.3, -1.2, 2.0, 0.9), (np.pi / 2, -np.pi / 2)])
+def test_quaternions_with_w_first_are_named(tmp_path, headings):
+    markers = [upright(code, heading) for code, heading in enumerate(headings)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_any_map(file(tmp_path, with_quaternions(markers, (0, 1, 2, 3))))
+    with pytest.warns(InputWarning, match="read with w first"):
+        read_any_map(file(tmp_path, with_quaternions(markers, (3, 0, 1, 2))))
+
+
+@pytest.mark.parametrize("is_ceiling", [False, True])
+def test_landmarks_on_floors_and_ceilings_are_no_reason_to_doubt(tmp_path, is_ceiling):
+    """All turns by quarters, also those whose quaternions look like those of a wall."""
+    down = Pose.from_rvec("map", "landmark", np.array([np.pi if is_ceiling else 0.0, 0.0, 0.0]), np.zeros(3)).R
+    turns = [Pose.from_rvec("map", "landmark", np.array([0, 0, k * np.pi / 2]), np.zeros(3)).R for k in range(4)]
+    poses = [Pose("map", "landmark", R @ down, np.array([k, 0.0, 0.0])) for k, R in enumerate(turns)]
+    for some in (poses, poses[1::2]):
+        markers = [MappedLandmark(LandmarkId("lm8", k), 0.18, T) for k, T in enumerate(some)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            read_any_map(file(tmp_path, with_quaternions(markers, (0, 1, 2, 3))))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning
 from lmkit.io.floor_plan import read_floor
 
 FREE, WALL, UNKNOWN = range(3)
@@ -106,3 +106,13 @@ def test_a_pgm_as_map_saver_writes_it(tmp_path):
         write(tmp_path, SAVED, image="map.pgm", mode="trinary", occupied_thresh=0.65, free_thresh=0.25)
     )
     assert np.array_equal(floor.free[::-1], CELLS == FREE)
+
+
+def test_a_map_with_wrong_negate_is_doubted(tmp_path):
+    with pytest.warns(InputWarning, match="is negate wrong"):
+        read_floor(write(tmp_path, SAVED, negate=1))
+
+
+def test_a_yaw_in_degrees_is_refused(tmp_path):
+    with pytest.raises(InputError, match="a yaw of 90 rad: degrees"):
+        read_floor(write(tmp_path, SAVED, origin=[-1.0, -2.0, 90.0]))
