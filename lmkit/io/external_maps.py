@@ -202,7 +202,7 @@ def _from_tagslam(path: Path, text: str, defaults: MarkerDefaults) -> LandmarkMa
 def _tagslam_pose(frame: str, values: dict[str, dict[str, float]]) -> Pose:
     place, turn = (np.array([float(values[part][k]) for k in "xyz"]) for part in ("position", "rotation"))
     if "w" in values["rotation"]:
-        return Pose.from_quaternion("map", frame, place, [*turn, float(values["rotation"]["w"])])
+        return Pose.from_quaternion("map", frame, place.tolist(), [*turn.tolist(), float(values["rotation"]["w"])])
     if np.linalg.norm(turn) > 2 * np.pi:
         raise ValueError(f"a rotation vector {turn.tolist()} is over 2 pi long: degrees?")
     return Pose.from_rvec("map", frame, turn, place)
