@@ -52,6 +52,13 @@ class Unpacked:
     content: bytes
 
 
+# Words of rosbags for a recording that was cut off, or lacks a file.
+_REPAIRS = {
+    "File end magic": "the recording was cut off: mcap recover FILE -o NEW",
+    "malformed": "the recording was cut off: sqlite3 FILE .recover | sqlite3 NEW",
+    "Bag is not indexed": "the recording was cut off: rosbag reindex FILE",
+    "metadata file": "ros2 bag reindex FOLDER, or give the .db3 or .mcap file itself",
+}
 LATEST_STAMP_S = 2.0**31  # 32 bits, in January 2038
 
 
@@ -76,7 +83,7 @@ def unpack_bag(bag: Path, wanted: dict[str, str | None]) -> Iterator[Unpacked]:
         raise
     except Exception as error:  # damaged bags end in every kind of exception in rosbags
         problem = str(error) or type(error).__name__
-        raise InputError("bad_bag", f"cannot read {bag} ({problem})", "give a ROS 1 or ROS 2 bag or MCAP") from None
+        raise _unreadable(bag, problem) from None
 
 
 def read_laser_messages(bag: Path, topic: str | None = None) -> list[LaserScan]:
@@ -101,7 +108,13 @@ def read_laser_messages(bag: Path, topic: str | None = None) -> list[LaserScan]:
                 for connection, _, raw in reader.messages(connections=connections)
             ]
     except (AnyReaderError, Ros1Error, Ros2Error, SerdeError, TypesysError, OSError) as error:
-        raise InputError("bad_bag", f"cannot read {bag} ({error})", "give a ROS 1 or ROS 2 bag or MCAP") from None
+        raise _unreadable(bag, str(error)) from None
+
+
+def _unreadable(bag: Path, problem: str) -> InputError:
+    """The error for a bag that rosbags cannot read; recordings that were cut off can be repaired."""
+    remedy = next((remedy for words, remedy in _REPAIRS.items() if words in problem), None)
+    return InputError("bad_bag", f"cannot read {bag} ({problem})", remedy or "give a ROS 1 or ROS 2 bag or MCAP")
 
 
 def _scan_topic(types: dict[str, str], asked: str | None, bag: Path) -> str:

@@ -18,8 +18,11 @@ _TO_BGR = {
     "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
     "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
     "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
+    # Of USB cameras; two bytes a pixel.
+    "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
+    "yuv422": cv2.COLOR_YUV2BGR_UYVY,
 }
-_CHANNELS = {"rgba8": 4, "bgra8": 4, "rgb8": 3, "bgr8": 3}
+_CHANNELS = {"rgba8": 4, "bgra8": 4, "rgb8": 3, "bgr8": 3, "8UC3": 3, "yuv422_yuy2": 2, "yuv422": 2}
 _GRAY = ("mono8", "8UC1")
 
 
@@ -39,7 +42,7 @@ def pixels_of(encoding: str, size: tuple[int, int], step: int, data: bytes | Byt
         raise InputError(
             "bad_encoding",
             f"{topic}: images of encoding {encoding}",
-            "known: bgr8, rgb8, bgra8, rgba8, mono8, bayer",
+            "known: bgr8, rgb8, bgra8, rgba8, mono8, bayer (8 bit), yuv422_yuy2, yuv422",
         )
     flat = np.frombuffer(data, np.uint8)
     if len(flat) != height * step or step < width * channels or not width * height:

@@ -9,6 +9,7 @@ from lmkit.errors import InputError
 from lmkit.io.any_rig import read_any_rig
 from lmkit.io.bags import find_topics, poses_to_bag, unpack_bag
 from lmkit.io.recording_tables import read_gyro, read_odometry
+from lmkit.io.ros_images import pixels_of
 from lmkit.io.trajectory import read_trajectory
 from lmkit.model.trajectory import Trajectory
 from lmkit.simulation.scene import make_rig
@@ -110,3 +111,42 @@ def test_the_vertical_axis_of_an_imu_is_recognized_by_gravity(tmp_path, recwarn,
     said = [str(warning.message) for warning in recwarn]
     assert len(said) == bool(word)
     assert word in "".join(said)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "step", "data"),
+    [
+        ("8UC3", 6, [40, 120, 200] * 2),
+        # Luma, and chroma that two pixels share.
+        ("yuv422_yuy2", 4, [131, 83, 131, 173]),
+        ("yuv422", 4, [83, 131, 173, 131]),
+    ],
+)
+def test_encodings_of_usb_cameras(encoding, step, data):
+    pixels = pixels_of(encoding, (2, 1), step, bytes(data), "/image")
+    assert pixels.shape == (1, 2, 3)
+    assert pixels[0].tolist() == pytest.approx(np.array([[40, 120, 200]] * 2), abs=6)
+
+
+def write_mcap(folder):
+    """A bag of one message."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        message = store.types["std_msgs/msg/String"]("a" * 300)
+        writer.write(connection, 1, store.serialize_cdr(message, "std_msgs/msg/String"))
+    return folder
+
+
+def test_how_to_repair_a_recording_that_was_cut_off_is_said(tmp_path):
+    write_bag(tmp_path / "bag", make_rig(), pairs=1)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    (whole,) = write_mcap(tmp_path / "whole").glob("*.mcap")
+    (tmp_path / "cut.mcap").write_bytes(whole.read_bytes()[:-200])
+    for name, remedy in (("bag", "ros2 bag reindex"), ("cut.mcap", "mcap recover")):
+        with pytest.raises(InputError) as refused:
+            list(unpack_bag(tmp_path / name, {}))
+        assert remedy in refused.value.hint
