@@ -7,19 +7,22 @@ can spoil.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmkit.arrays import FloatArray, IntArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.planar import wrap_angle
 from lmkit.model.trajectory import Trajectory
+from lmkit.units import unit_of_ratio
 
 ALIGNMENTS = ("none", "rigid", "scale")
 AT_LEAST_0 = "give max_apart_s (--max-apart) in seconds, 0 or more"
+LARGE_ROTATION_RAD, AGREEING = 0.5, 0.1  # mean difference of rotations, and share that another order leaves of it
+LEAST_UNIT, ALIKE = 30.0, 0.9  # inches and smaller units; correlation of distances from the start
 LEAST_ACTUAL_M = 0.05  # the percentage error of a shorter distance has no meaning
 
 
@@ -123,6 +126,9 @@ def compare_trajectories(
 
     Raises:
         InputError: an unknown alignment, a number out of range, no poses that belong together, or too few to align.
+
+    Warns:
+        InputWarning: lengths of another unit, or quaternions with w first.
     """
     if align not in ALIGNMENTS:
         raise InputError("bad_align", f"align {align!r} is unknown", f"choose {', '.join(ALIGNMENTS)} (--align)")
@@ -139,6 +145,8 @@ def compare_trajectories(
         )
     missing = len(truth) - len(np.unique(in_truth))
     true, found = truth.rows(in_truth), estimate.rows(in_estimate)
+    for doubt in _doubts(true, found, align):
+        warn_caller(InputWarning(doubt))
     scale = 1.0
     if align != "none":
         R, t, scale = umeyama(found.positions, true.positions, align == "scale")
@@ -159,6 +167,30 @@ def compare_trajectories(
         truth=true,
         estimate=found,
     )
+
+
+def _doubts(true: Trajectory, found: Trajectory, align: str) -> list[str]:
+    """Sentences about lengths in another unit, and quaternions whose order differs."""
+    doubts = []
+    reached = [np.linalg.norm(t.positions - t.positions[0], axis=1) for t in (true, found)]
+    ratio = _ratio_of_alike(*reached) if align != "scale" else 1.0
+    for name, other, factor in (("estimate", "truth", ratio), ("truth", "estimate", 1 / ratio)):
+        if factor > LEAST_UNIT and (unit := unit_of_ratio(factor)):
+            doubts.append(f"the {name} extends {factor:.4g} times as far as the {other}{unit}: write meters")
+    off_rad = float(pose_errors(true, found)[1].mean())
+    if off_rad > LARGE_ROTATION_RAD:
+        for name, poses, others in (("estimate", found, true), ("truth", true, found)):
+            w_first = replace(poses, quaternions=poses.quaternions[:, [1, 2, 3, 0]])
+            if float(pose_errors(others, w_first)[1].mean()) < AGREEING * off_rad:
+                doubts.append(f"rotations agree if the quaternions of the {name} have w first: write x y z w")
+    return doubts
+
+
+def _ratio_of_alike(a: FloatArray, b: FloatArray) -> float:
+    """Ratio b / a of (N,) distances that grow and shrink together; 1 if they do not."""
+    if len(a) < 3 or not min(a.std(), b.std()) > 0 or np.corrcoef(a, b)[0, 1] < ALIKE:
+        return 1.0
+    return float(b.mean() / a.mean())
 
 
 def _clock_hint(truth_s: FloatArray, estimate_s: FloatArray) -> str:

@@ -141,3 +141,32 @@ def test_clocks_that_do_not_meet_are_named(factor, word):
     at = np.zeros((5, 3)), np.tile([0.0, 0, 0, 1], (5, 1))
     with pytest.raises(InputError, match=word):
         compare_trajectories(Trajectory(times, *at), Trajectory(times * factor + 99.0, *at))
+
+
+def curve(unit: float = 1.0, order: tuple[int, ...] = (0, 1, 2, 3)) -> Trajectory:
+    """A robot on an arc, with lengths in another unit or quaternions in another order."""
+    angles = np.linspace(0.2, 1.8, 30)
+    quaternions = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_quat()[:, order]
+    places = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), 0 * angles])
+    return Trajectory(np.arange(30.0), unit * places, quaternions)
+
+
+@pytest.mark.parametrize(
+    ("truth", "estimate", "align", "words"),
+    [
+        (curve(), curve(), "none", ""),
+        (curve(), curve(1000), "none", "the estimate extends 1000 times as far as the truth (is it in millimeters?)"),
+        (curve(1000), curve(), "rigid", "the truth extends 1000 times as far"),
+        (curve(), curve(1000), "scale", ""),
+        (curve(), curve(3.28), "none", ""),
+        (curve(0.001), wander(0), "none", ""),
+        (curve(), curve(order=(3, 0, 1, 2)), "none", "quaternions of the estimate have w first"),
+        (curve(order=(3, 0, 1, 2)), curve(), "none", "quaternions of the truth have w first"),
+        (curve(order=(3, 0, 1, 2)), curve(order=(3, 0, 1, 2)), "none", ""),
+    ],
+)
+def test_units_and_orders_that_differ_are_named(recwarn, truth, estimate, align, words):
+    compare_trajectories(truth, estimate, align)
+    said = " ".join(str(w.message) for w in recwarn)
+    assert words in said
+    assert bool(words) == bool(said)
