@@ -10,6 +10,7 @@ TagSLAM: rotation vectors; a tag's axes are lmkit's.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -83,11 +84,15 @@ def read_any_map(path: Path, defaults: MarkerDefaults | None = None) -> Landmark
         return _map(path, read_fiducial_slam(path, text, defaults))
     if program == WPILIB:
         return _from_wpilib(path, text, defaults)
-    raise _unknown(path, head.keys)
+    raise _unknown(path, text, head.keys)
 
 
-def _unknown(path: Path, keys: frozenset[str]) -> InputError:
+def _unknown(path: Path, text: str, keys: frozenset[str]) -> InputError:
     """Error for a file that is not a map of a known kind."""
+    first_line = text.lstrip().partition("\n")[0]
+    if re.match(r"(?:code|id|tag_id|tag|marker)\s*[,;\t]", first_line, re.IGNORECASE):
+        hint = f"lmkit map {path} -o map.yaml makes a map of a form: code,x_m,y_m,height_m,facing_deg"
+        return InputError("not_a_map", f"{path}: a table, not a map", hint)
     if any("ros__parameters" in key or key.startswith("/**") for key in keys):
         return InputError("not_a_map", f"{path}: parameters of a ROS 2 node, which contain no poses", "give a map")
     what = f"its keys are {', '.join(sorted(keys)[:6])}" if keys else "it contains no keys"

@@ -23,4 +23,5 @@ def program_of_map(text: str, head: DocumentHead) -> str:
     first_line = next((line for line in text.splitlines() if line.strip()), "")
     if FIDUCIAL.match(first_line):
         return FIDUCIAL_SLAM
-    return next((program for key, program in _KEYS.items() if key in head.keys), "")
+    program = next((program for key, program in _KEYS.items() if key in head.keys), "")
+    return program if program != WPILIB or text.lstrip().startswith("{") else ""  # WPILib writes JSON alone

@@ -31,6 +31,7 @@ def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
     """
     mapped = list(landmarks)
     if not mapped:
+        warn_caller(InputWarning(f"{path}: contains only earlier places (valid_to), which are not used"))
         return landmarks
     places = np.array([marker.T_map_landmark.t for marker in mapped])
     height, width = float(np.abs(places[:, 2]).max()), float(np.ptp(places, axis=0).max())

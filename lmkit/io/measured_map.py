@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lmkit.arrays import FloatArray
-from lmkit.errors import InputError
+from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.io.field_problems import plain_problem
 from lmkit.io.landmark_map import FOREIGN_FAMILY
 from lmkit.io.tables import read_rows, to_number
@@ -26,6 +26,7 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 COLUMNS = ("code", "wall", "left_m", "right_m", "height_m", "x_m", "y_m", "facing_deg", "size_mm", "family", "name")
 BLANK_COLUMNS = ("code", "wall", "left_m", "height_m")
 ALIASES = {"from_left_end_m": "left_m", "z_m": "height_m", "id": "code"}
+NEAR_QUARTER = 0.01
 AGREE_M = 0.05  # largest difference of two measurements of one position
 
 
@@ -58,6 +59,9 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
     Raises:
         InputError: not readable, an unknown column or wall, a value that is missing or contradicts another; names the
             line.
+
+    Warns:
+        InputWarning: directions that look like radians.
     """
     rows = read_rows(path, "form")
     header = [ALIASES.get(cell.lower(), cell.lower()) for cell in rows[0]] if rows else []
@@ -67,6 +71,7 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
         raise InputError("bad_header", f"{path}: line 1: {what}", f"columns are {', '.join(COLUMNS)}")
     by_name = {wall.name.lower(): wall for wall in walls}
     landmarks = []
+    facing_deg: list[float] = []
     for number, row in enumerate(rows[1:], start=2):
         cells = {name: cell for name, cell in zip(header, row, strict=False) if cell}
         if not set(cells) - {"code", "wall", "size_mm", "family", "name"}:
@@ -75,6 +80,7 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
             if len(row) > len(header):
                 raise ValueError(f"{len(row)} cells under {len(header)} columns; write decimals with a point")
             landmarks.append(_landmark(cells, by_name, defaults))
+            facing_deg += [_number(cells, "facing_deg")] if "facing_deg" in cells else []
         except ValueError as error:
             raise InputError(
                 "bad_row",
@@ -83,10 +89,20 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
             ) from None
     if not landmarks:
         raise InputError("no_landmarks", f"{path}: no row has a measurement", "fill in wall, left_m and height_m")
+    if _are_radians(facing_deg):
+        some = ", ".join(f"{angle:g}" for angle in facing_deg[:3])
+        warn_caller(InputWarning(f"{path}: facing_deg of {some}: are these radians? Write degrees"))
     try:
         return LandmarkMap(landmarks)
     except InputError as error:
         raise InputError(error.code, f"{path}: {error.message}", error.hint) from None
+
+
+def _are_radians(angles: Sequence[float]) -> bool:
+    """Whether angles are at most 2 pi, and half of them near quarter turns in radians (1.571, 3.142)."""
+    quarters = [angle / (math.pi / 2) for angle in angles]
+    near = [quarter for quarter in quarters if round(quarter) and abs(quarter - round(quarter)) < NEAR_QUARTER]
+    return bool(near) and 2 * len(near) >= len(angles) and max(map(abs, angles)) < 2 * math.pi + NEAR_QUARTER
 
 
 def _landmark(cells: Mapping[str, str], walls: Mapping[str, Wall], defaults: FormDefaults) -> MappedLandmark:

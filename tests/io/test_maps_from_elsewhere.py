@@ -17,6 +17,7 @@ from lmkit.geometry.pose import Pose
 from lmkit.io.external_maps import map_to_tagslam, map_to_wpilib, read_any_map
 from lmkit.io.landmark_map import map_to_yaml
 from lmkit.io.marker_maps import MarkerDefaults
+from lmkit.io.measured_map import FormDefaults, read_measured_map
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark, wall_pose
 from lmkit.simulation.recording import make_drive
@@ -229,3 +230,44 @@ def test_landmarks_on_floors_and_ceilings_are_no_reason_to_doubt(tmp_path, is_ce
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             read_any_map(file(tmp_path, with_quaternions(markers, (0, 1, 2, 3))))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("code,x,y,z,yaw\n1,1.0,2.0,1.5,90\n", "lmkit map"),
+        ("tags:\n- {id: 1, position: [1, 2, 1.5]}\n", "not a map that is known: its keys are tags"),
+    ],
+)
+def test_tables_and_other_lists_of_tags_are_no_maps(tmp_path, text, words):
+    (tmp_path / "map").write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_any_map(tmp_path / "map")
+    assert words in str(refused.value)
+
+
+def test_a_map_of_earlier_places_alone_is_named(tmp_path):
+    data = with_quaternions([upright(1, 0.0)], (0, 1, 2, 3))
+    data["landmarks"][0] |= {"valid_from": 0.0, "valid_to": 9.0}
+    with pytest.warns(InputWarning, match="only earlier places"):
+        read_any_map(file(tmp_path, data))
+
+
+@pytest.mark.parametrize(
+    ("directions", "is_doubted"),
+    [
+        ((1.5708, 3.14159, -1.5708), True),
+        ((0, 1.571), True),
+        ((0, 90, 180), False),
+        ((0, 0, 0), False),
+        ((1, 2, 3), False),
+        ((2, 5, -1.57), False),
+    ],
+)
+def test_directions_in_radians_in_a_form_are_doubted(tmp_path, directions, is_doubted):
+    rows = [f"{k},{k},0,1.5,{angle}" for k, angle in enumerate(directions)]
+    (tmp_path / "form.csv").write_text("\n".join(["code,x_m,y_m,height_m,facing_deg", *rows]))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_measured_map(tmp_path / "form.csv", [], FormDefaults("lm8"))
+    assert ["are these radians" in str(w.message) for w in caught] == [True] * is_doubted
