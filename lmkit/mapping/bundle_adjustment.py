@@ -284,13 +284,20 @@ class BundleProblem:
     def find_swelling(self, noise: float, landmarks: FloatArray | None = None) -> None:
         """One step of the face swelling together with all unknowns; solve for the other unknowns again afterwards.
 
+        Landmarks that other recordings observe as well do not move.
+
         Args:
             noise: factor of the observations' variances.
             landmarks: (6L,) step of their poses, if other recordings observe them as well.
         """
         stated = self.stated_equations(noise)[0]
-        shared, faces = stated.solve() if landmarks is None else stated.solve_around(landmarks, self.own)
-        self.swelling, self.faces = self.swelling + shared[self.own - SWELLING : self.own], self.faces + faces
+        if landmarks is None:
+            states, shared, faces = stated.solve()
+            self._move(states, shared)
+        else:
+            _, shared, faces = stated.solve_around(landmarks, self.own)
+            self.swelling = self.swelling + shared[self.own - SWELLING : self.own]
+        self.faces = self.faces + faces
 
     def cost(self) -> float:
         """Cost of the current unknowns."""
@@ -328,12 +335,13 @@ class BundleProblem:
         cost = 8 * cauchy_cost(squared) * self.used
         return np.asarray(np.bincount(self.seen.of, cost, len(self.mapped)), dtype=np.float64)
 
-    def landmark_steps(self) -> FloatArray:
-        """(L,6) step of each landmark alone, with fixed rig poses."""
+    def landmark_steps(self) -> tuple[FloatArray, FloatArray]:
+        """(L,6) step of each landmark alone, with fixed rig poses, and (L,) the gain that the equations predict."""
         e = self._equations()[0]
         rows = self.own + 6 * np.arange(len(self.mapped))[:, None] + np.arange(6)
         blocks, gradients = e.corner[rows[:, :, None], rows[:, None]], e.shared_gradient[rows]
-        return np.asarray(np.linalg.solve(blocks, gradients[..., None])[..., 0])
+        steps = np.linalg.solve(blocks, gradients[..., None])[..., 0]
+        return steps, (steps * gradients).sum(axis=1)
 
     def seen_along(self) -> FloatArray:
         """(L,3) unit vectors from landmarks to the mean position of the cameras that saw them."""

@@ -33,7 +33,7 @@ from lmkit.odometry.dead_reckoning import STRAY_M, STRAY_RAD, OdometryPath, Reck
 from lmkit.odometry.motion_model import BoundedMotion, Motion
 
 SETTLING = 4  # steps of bundle adjustment after each round
-SETTLED_SHARE = 1e-3  # of the cost: the next round changes it by more than that
+SETTLED_SHARE = 3e-2  # of the cost: the next round changes it by more than what is left then
 RETRY = 1.5
 NEIGHBOUR_M = 0.5  # of odometry to a located neighbor, from which a frame is refined without a search
 REFINING = 8

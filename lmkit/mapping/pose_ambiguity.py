@@ -20,6 +20,7 @@ from lmkit.mapping.bundle_adjustment import BundleProblem, State
 HOPEFUL = 30.0  # excess cost of a second pose, with fixed rig poses
 MOST_TRIED = 8
 FITTING, SETTLING = 8, 12  # steps
+STILL = 30.0  # times the predicted gain of a step: more is not expected from all further steps
 SURE = 10.0  # of the cost, twice the log likelihood ratio
 DIFFERENT_RAD = 0.1
 
@@ -87,20 +88,32 @@ def _fitted_alternatives(problem: BundleProblem) -> tuple[FloatArray, FloatArray
     angle = np.arctan2(sine[:, 0], np.einsum("li,li->l", normals, flipped))
     turn = rotation_exp(axis / np.maximum(sine, 1e-12) * angle[:, None])
     R, p = turn @ problem.lm_R, problem.lm_p.copy()
-    best = np.full(len(own), np.inf)
-    best_R, best_p = R, p
-    for _ in range(FITTING):
-        problem.lm_R, problem.lm_p = R, p
-        cost = problem.landmark_costs()
-        better = cost < best
-        best = np.where(better, cost, best)
-        best_R, best_p = np.where(better[:, None, None], R, best_R), np.where(better[:, None], p, best_p)
-        step = problem.landmark_steps()
-        R, p = rotation_exp(step[:, 3:]) @ R, p + step[:, :3]
-    problem.restore(before)
-    # Skip landmarks that are nearly symmetric, whose fit returned to the first pose, or that are fixed or unobserved.
-    back = np.linalg.norm(rotation_log(best_R @ before.lm_R.transpose(0, 2, 1)), axis=1) < DIFFERENT_RAD
+    # Skip landmarks that are nearly symmetric, fixed, or unobserved.
     held = np.array([problem.is_fixed(k) for k in range(len(own))])
     seen = np.bincount(problem.seen.of, problem.used, len(own)) > 0
-    best[(angle < DIFFERENT_RAD) | back | held | ~seen] = np.inf
+    fitted = (angle >= DIFFERENT_RAD) & ~held & seen
+    best, best_R, best_p = np.full(len(own), np.inf), R, p
+    used, open_ = problem.used, fitted
+    for left in reversed(range(FITTING)):
+        problem.lm_R, problem.lm_p, problem.used = R, p, used & open_[problem.seen.of]
+        cost = problem.landmark_costs()
+        better = open_ & (cost < best)
+        best = np.where(better, cost, best)
+        best_R, best_p = np.where(better[:, None, None], R, best_R), np.where(better[:, None], p, best_p)
+        # A fit that returned to the first pose will stay there.
+        fitted &= _angles(R, before.lm_R) >= DIFFERENT_RAD
+        open_ = open_ & fitted
+        if not left or not open_.any():
+            break
+        step, gain = problem.landmark_steps()
+        open_ = open_ & (cost - own - HOPEFUL < STILL * gain)
+        R, p = rotation_exp(step[:, 3:]) @ R, p + step[:, :3]
+    problem.used = used
+    problem.restore(before)
+    best[~fitted] = np.inf
     return own, best, best_R, best_p
+
+
+def _angles(R: FloatArray, R_other: FloatArray) -> FloatArray:
+    """(L,) angles between rotations (L,3,3), rad."""
+    return np.asarray(np.linalg.norm(rotation_log(R @ R_other.transpose(0, 2, 1)), axis=1))

@@ -89,12 +89,12 @@ class StatedEquations:
         rows = self.places[len(self.places) - len(known) :]
         self.chain.corner[rows[:, None], rows] += known
 
-    def solve(self) -> tuple[FloatArray, FloatArray]:
-        """Steps of the shared unknowns without the faces, and steps (L,2) of the faces."""
-        shared = self.chain.solve()[1]
-        return shared[self.places], shared[self.faces]
+    def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Steps of the states, of the shared unknowns without the faces, and steps (L,2) of the faces."""
+        states, shared = self.chain.solve()
+        return states, shared[self.places], shared[self.faces]
 
-    def solve_around(self, landmarks: FloatArray, own: int) -> tuple[FloatArray, FloatArray]:
+    def solve_around(self, landmarks: FloatArray, own: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps as of `solve`, where landmarks step as is given (6L,); the first ``own`` unknowns are not theirs."""
         left = self.chain.eliminate(own)
         kept, gone = self.places[own:] - own, self.faces.ravel() - own
@@ -102,8 +102,8 @@ class StatedEquations:
         steps = np.zeros(len(g))
         steps[kept] = landmarks
         steps[gone] = np.linalg.solve(H[gone[:, None], gone], g[gone] - H[gone[:, None], kept] @ landmarks)
-        shared = left.solve(steps)[1]
-        return shared[self.places], shared[self.faces]
+        states, shared = left.solve(steps)
+        return states, shared[self.places], shared[self.faces]
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """(N,6,6) of every state, and that of the shared unknowns without the faces."""
