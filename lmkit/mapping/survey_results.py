@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from lmkit.geometry.pose import Pose
 from lmkit.geometry.rig import AnyRig
 from lmkit.mapping.bundle_results import Bundle
+from lmkit.mapping.hinges import hinges_of
 from lmkit.mapping.landmark_support import KeptOut
 from lmkit.mapping.map_doubts import exactness_doubts, overlap_doubts
 from lmkit.mapping.moved_landmark import MovedLandmark
@@ -23,8 +22,6 @@ from lmkit.model.landmark_id import LandmarkId, ids_text
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.motion_model import Motion, describe_odometry
 from lmkit.units import counted
-
-HINGED_FRAMES = 5  # smaller groups of frames connected by one landmark are not named
 
 
 @dataclass(frozen=True)
@@ -162,46 +159,6 @@ def deviations(landmark: MappedLandmark) -> tuple[float, float]:
     return float(np.sqrt(abs(np.trace(C[:3, :3])))), float(np.sqrt(abs(np.linalg.eigvalsh(C[3:, 3:])[-1])))
 
 
-@dataclass(frozen=True)
-class Hinge:
-    """A landmark that is the only connection of some frames to the others.
-
-    Attributes:
-        frames: number of frames in the smaller part.
-        from_s, to_s: first and last time of these.
-    """
-
-    id: LandmarkId
-    frames: int
-    from_s: float
-    to_s: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.frames} frames from {self.from_s:.2f} to {self.to_s:.2f} s are connected to the others by "
-            f"{self.id} alone: if its code is mounted twice, the map is folded there; record odometry, or check that "
-            "it is mounted once"
-        )
-
-
-def hinges_of(bundle: Bundle) -> list[Hinge]:
-    """Landmarks without which a part of the frames shares no landmark with the rest."""
-    count = len(bundle.times_s)
-    hinges = []
-    for number, id_ in enumerate(bundle.ids):
-        kept = bundle.of != number
-        links = (np.ones(kept.sum()), (bundle.frames[kept], count + bundle.of[kept]))
-        graph = coo_matrix(links, shape=(count + len(bundle.ids),) * 2)
-        _, part = connected_components(graph, directed=False)
-        # Frames that saw no other landmark are single nodes, not a part.
-        sizes = np.bincount(part[:count])
-        large = np.flatnonzero(sizes >= HINGED_FRAMES)
-        if len(large) > 1:
-            smaller = bundle.times_s[part[:count] == large[sizes[large].argmin()]]
-            hinges.append(Hinge(id_, len(smaller), float(smaller.min()), float(smaller.max())))
-    return hinges
-
-
 def disputed_text(ids: Sequence[LandmarkId]) -> str:
     """Known landmarks that contradict each other, as a sentence."""
     return (
@@ -242,14 +199,18 @@ def survey_warnings(
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:
         texts.append(doubt)
-    for from_s, to_s, meters in result.bundle.jumps:
+    hinges = hinges_of(result.bundle) if motion is None else []
+    folds = {hinge.jump for hinge in hinges}
+    for jump in result.bundle.jumps:
+        if jump in folds:
+            continue
+        from_s, to_s, meters = jump
         seen = jump_landmarks(result.bundle, from_s, to_s)
         texts.append(
             f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {meters:.2f} m: it slid or was carried, or a "
             f"landmark seen there{seen} was moved, or its second pose is the right one; look from another side"
         )
-    if motion is None:
-        texts += [str(hinge) for hinge in hinges_of(result.bundle)]
+    texts += [str(hinge) for hinge in hinges]
     for code in result.ambiguous:
         texts.append(f"{code} has an ambiguous pose: it was seen from one side, far away; look from another side")
     for code, constraint, meters in result.off_constraint:

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from lmkit.arrays import BoolArray, FloatArray
 from lmkit.geometry.pose import Pose
+from lmkit.mapping.hinges import folds_of
 from lmkit.mapping.survey import OUTLIER_SIGMA
 from lmkit.mapping.survey_results import Survey, deviations
 from lmkit.model.landmark_map import LandmarkMap
@@ -203,7 +204,9 @@ def _contradictions(survey: Survey) -> str:
     if names := [str(landmark.id) for landmark in survey.contradicted]:
         subject = "1 landmark contradicts" if len(names) == 1 else f"{len(names)} landmarks contradict"
         parts.append(f"{subject} the map: {', '.join(names)}")
-    if count := len(survey.bundle.jumps):
+    if folds := [str(fold.id) for fold in folds_of(survey.bundle)]:
+        parts.insert(0, f"The map is probably folded at {', '.join(folds)}")
+    elif count := len(survey.bundle.jumps):
         parts.append("1 jump of the trajectory" if count == 1 else f"{count} jumps of the trajectory")
     return "; ".join(parts) + "."
 

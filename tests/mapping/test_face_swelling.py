@@ -112,10 +112,11 @@ def test_swelling_is_found_and_the_map_is_the_better_for_it_and_says_how_good(dr
     after, honest = errors(problem, drive, stated.covariances()[1])
     assert after < 0.6 * before
     assert honest < 1 < too_sure
-    shared, faces = stated.solve()
+    states, shared, faces = stated.solve()
     around = stated.solve_around(shared[problem.own :], problem.own)
-    assert around[0] == pytest.approx(shared, abs=1e-6 * np.abs(shared).max())
-    assert around[1] == pytest.approx(faces, abs=1e-6 * np.abs(faces).max() + 1e-12)
+    assert around[0] == pytest.approx(states, abs=1e-6 * np.abs(states).max())
+    assert around[1] == pytest.approx(shared, abs=1e-6 * np.abs(shared).max())
+    assert around[2] == pytest.approx(faces, abs=1e-6 * np.abs(faces).max() + 1e-12)
     known = problem.own + 6  # the first landmark is known exactly
     left = np.linalg.inv(stated.eliminate(problem.own).information)[6:, 6:]
     assert left == pytest.approx(stated.covariances()[1][known:, known:], rel=1e-4, abs=1e-4 * np.abs(left).max())

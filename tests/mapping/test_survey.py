@@ -3,7 +3,6 @@
 from collections import Counter
 from dataclasses import replace
 from itertools import combinations, pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from lmkit.geometry.rotations import rotation_angle
 from lmkit.mapping.bundle_adjustment import Anchor
 from lmkit.mapping.initialization import find_start
 from lmkit.mapping.survey import survey_frames
-from lmkit.mapping.survey_results import hinges_of
 from lmkit.model.landmark_id import LandmarkId
 from lmkit.model.recording import RigFrame
 from lmkit.odometry.wheel_odometry import MotionModel
@@ -279,22 +277,6 @@ def test_what_the_first_pass_leaves_out_is_taken_up_and_the_map_stays_uncertain(
     assert len(result.rows) == len(drive.frames) > 80
     exact = [m.id for m in result.bundle.landmarks if m.covariance.max() < 1e-9]
     assert exact == list(passes[0].anchors)
-
-
-def test_what_one_landmark_joins_is_named():
-    """Ten frames in each of two halls, connected by one landmark (perhaps two with one code), by two, by none."""
-
-    def bundle(shared):
-        seen = [(k, 0) for k in range(10)] + [(k, 1) for k in range(10, 20)]
-        seen += [(k, 2 + j) for j in range(shared) for k in range(8, 13)]
-        frames, of = np.array(seen).T
-        ids = tuple(LandmarkId("lm8", 40 + k) for k in range(2 + shared))
-        return SimpleNamespace(times_s=np.arange(20) / 2, ids=ids, of=of, frames=frames)
-
-    [hinge] = hinges_of(bundle(1))
-    assert (hinge.id.code, hinge.frames, hinge.from_s, hinge.to_s) == (42, 10, 0.0, 4.5)
-    assert "by lm8:42 alone" in str(hinge)
-    assert hinges_of(bundle(2)) == []
 
 
 def test_without_odometry_the_assumed_motion_does_not_draw_the_map_together():
