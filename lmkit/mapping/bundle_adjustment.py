@@ -284,20 +284,23 @@ class BundleProblem:
     def find_swelling(self, noise: float, landmarks: FloatArray | None = None) -> None:
         """One step of the face swelling together with all unknowns; solve for the other unknowns again afterwards.
 
-        Landmarks that other recordings observe as well do not move.
+        The other unknowns move as well if that lowers the cost, unless other recordings observe the landmarks, too.
 
         Args:
             noise: factor of the observations' variances.
             landmarks: (6L,) step of their poses, if other recordings observe them as well.
         """
         stated = self.stated_equations(noise)[0]
-        if landmarks is None:
-            states, shared, faces = stated.solve()
-            self._move(states, shared)
-        else:
-            _, shared, faces = stated.solve_around(landmarks, self.own)
-            self.swelling = self.swelling + shared[self.own - SWELLING : self.own]
-        self.faces = self.faces + faces
+        states, shared, faces = stated.solve() if landmarks is None else stated.solve_around(landmarks, self.own)
+        common = slice(self.own - SWELLING, self.own)
+        self.swelling, self.faces = self.swelling + shared[common], self.faces + faces
+        if landmarks is not None:
+            return
+        before, cost = self.state(), self.cost()
+        shared[common] = 0.0
+        self._move(states, shared)
+        if self.cost() > cost:
+            self.restore(before)
 
     def cost(self) -> float:
         """Cost of the current unknowns."""

@@ -11,6 +11,7 @@ from lmkit.kernels.landmark_bundle import errors_of_rays
 from lmkit.mapping import bundle_adjustment
 from lmkit.mapping.bundle_adjustment import Anchor, BundleProblem
 from lmkit.mapping.face_swelling import SwellingPrior
+from lmkit.mapping.stated_equations import StatedEquations
 from lmkit.mapping.survey import solve_recording
 from lmkit.simulation.recording import make_drive
 
@@ -120,6 +121,26 @@ def test_swelling_is_found_and_the_map_is_the_better_for_it_and_says_how_good(dr
     known = problem.own + 6  # the first landmark is known exactly
     left = np.linalg.inv(stated.eliminate(problem.own).information)[6:, 6:]
     assert left == pytest.approx(stated.covariances()[1][known:, known:], rel=1e-4, abs=1e-4 * np.abs(left).max())
+
+
+def test_the_step_of_the_swelling_moves_the_other_unknowns_only_if_that_lowers_the_cost(drive, frames, monkeypatch):
+    def stepped():
+        problem = problem_of(drive, frames)
+        problem.optimize(20)
+        before = problem.p
+        problem.find_swelling(1.0)
+        assert problem.swelling.all()
+        return problem.p is before
+
+    assert not stepped()
+    solve = StatedEquations.solve
+
+    def too_far(stated):
+        states, shared, faces = solve(stated)
+        return 100 * states, shared, faces
+
+    monkeypatch.setattr(StatedEquations, "solve", too_far)
+    assert stepped()
 
 
 def test_a_landmark_that_seems_smaller_than_others_is_found(drive):
