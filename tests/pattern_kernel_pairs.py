@@ -46,7 +46,7 @@ from lmkit.kernels.screening import (
     screen,
     screen_numpy,
 )
-from lmkit.kernels.shadow_edge import shadow_direction, shadow_direction_numpy
+from lmkit.kernels.shadow_edge import shadow_edge, shadow_edge_numpy
 
 
 def drawing_with(rings: int) -> Drawing:
@@ -310,7 +310,7 @@ PATTERN_CALLS = [
     (sample, sample_numpy, _samplings, 1e-5),
     (where_to_look, where_to_look_numpy, _lookings, 1e-12),
     (noise, noise_numpy, _noises, 1e-12),
-    (shadow_direction, shadow_direction_numpy, _shadows, 0.0),
+    (shadow_edge, shadow_edge_numpy, _shadows, 1e-12),
     (dark_quads, dark_quads_numpy, _quads, 1e-5),
     (screen, screen_numpy, _screenings, 1e-4),
     (likely, likely_numpy, _likely_squares, 1e-4),

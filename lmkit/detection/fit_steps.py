@@ -22,6 +22,7 @@ from lmkit.detection.registration import (
     SHADING_PRIOR,
     PatternRegistration,
 )
+from lmkit.detection.shadows import NORMALS
 from lmkit.kernels import landmark_fit
 from lmkit.kernels.landmark_fit import (
     FINISH,
@@ -55,7 +56,7 @@ COARSE_PIXELS = 400  # enough to decode and to align; the last steps use more
 
 @dataclass
 class FitSteps:
-    """Both steps of a fit.
+    """The steps of a fit.
 
     Attributes:
         pixels: number of pixels of the landmark in the last steps.
@@ -82,6 +83,16 @@ class FitSteps:
             if fit.decode().is_same_code(before):
                 break
         return fit.decoding.is_promising and (fit.image.white is not None or fit.decoding.is_settled)
+
+    def sharpen_shadow(self, fit: PatternRegistration) -> None:
+        """Fit the shadow's straight edge, now that the drawing is known, and remove it."""
+        if not landmark_fit.is_compiled():
+            fit.sharpen_shadow(min(COARSE_PIXELS, self.pixels))
+            return
+        compiled, reading = compiled_fit(fit.image, fit.family, self.pixels), fit.decoding
+        found = compiled.run_shadow_edge(fit.view, fit.state, reading.quarter, reading.code, NORMALS)
+        if found is not None:
+            fit.remove_shadow(found)
 
     def finish(self, fit: PatternRegistration) -> bool:
         """Register with all pixels, and decode with plain and with robust weights; False if it left the image."""

@@ -116,7 +116,7 @@ def register_and_decode(
     if image.white is not None:
         if _reading(fit, fit.decoding, fit.corners).log_odds < options.rule.least_log_odds - HOPELESS:
             return None
-        fit.sharpen_shadow(COARSE_PIXELS)
+        steps.sharpen_shadow(fit)
     if not steps.finish(fit):
         return None
     return _candidate(fit, cautious(fit.decoding, fit.robust_decoding), options, fit_distortion)

@@ -7,6 +7,8 @@ the lens is not known, one radial distortion about the image's center.  The inks
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lmkit.arrays import FloatArray
@@ -14,13 +16,14 @@ from lmkit.detection.decoding import CORRELATED_PIXELS, Decoding, decode_square,
 from lmkit.detection.hypotheses import RIDGE
 from lmkit.detection.linear_image import LinearImage
 from lmkit.detection.pixel_sampling import DISTORTION, PixelSamples, mean_side, sample_pixels
-from lmkit.detection.shadows import ShadowEdge
+from lmkit.detection.shadows import NORMALS, ShadowEdge
 from lmkit.kernels.grid_pattern import GridDrawing
-from lmkit.kernels.landmark_fit import CornerErrors, Fitted
+from lmkit.kernels.landmark_fit import CornerErrors, Fitted, LightEdge
 from lmkit.kernels.mosaic import MosaicRules
 from lmkit.kernels.pattern import Drawing
 from lmkit.kernels.plane import STATE, View, displaced_numpy, distorted_numpy
 from lmkit.kernels.registration import Hypothesis, Limits, Mosaic, Priors, Steps, register, robust_weights
+from lmkit.kernels.shadow_edge import shadow_edge
 from lmkit.model.families import MarkerFamily
 from lmkit.model.landmark import LandmarkFamily
 
@@ -115,16 +118,28 @@ class DrawingFit:
 
     def sharpen_shadow(self, at_most: int) -> None:
         """Fit the shadow's straight edge, now that the drawing is known, to this number of pixels, and remove it."""
+        found = self.edge_of_light(at_most)
+        if found is not None:
+            self.remove_shadow(found)
+
+    def edge_of_light(self, at_most: int) -> LightEdge | None:
+        """The straight edge between two lights on the pattern; None if too little of it is inside the image."""
         if not self.sample(at_most, near_edges=False):
-            return
+            return None
         bright = np.maximum(self.discount().mean(axis=0), 1e-3).astype(np.float64)
         light = np.maximum(self.samples.values.mean(axis=0), 1e-3) / bright * self.samples.light
         at = self.image.distorted(self.samples.at.T + self.view.origin)
-        edge = ShadowEdge.fit(at, light, bright**2)
-        low, high = at.min(axis=0), at.max(axis=0)
-        x0, y0 = np.maximum(np.floor(low) - SHADOW_ROOM_PX, 0).astype(int).tolist()
-        x1, y1 = np.minimum(np.ceil(high) + 1 + SHADOW_ROOM_PX, self.image.size).astype(int).tolist()
-        self.image = self.image.renormalized((x0, y0, x1, y1), edge.light((x0, y0, x1, y1)))
+        return LightEdge(shadow_edge(at, np.log(light), bright**2, NORMALS), at.min(axis=0), at.max(axis=0))
+
+    def remove_shadow(self, found: LightEdge) -> None:
+        """Divide the image by the light before and behind an edge, around the pattern."""
+        (left, top), (right, bottom), (width, height) = found.low, found.high, self.image.size
+        x0, y0 = (max(math.floor(least) - SHADOW_ROOM_PX, 0) for least in (left, top))
+        x1, y1 = (
+            min(math.ceil(most) + 1 + SHADOW_ROOM_PX, size) for most, size in ((right, width), (bottom, height))
+        )
+        light = ShadowEdge.of(found.split).light((x0, y0, x1, y1))
+        self.image = self.image.renormalized((x0, y0, x1, y1), light)
 
     def register(self, steps: Steps, mosaic: MosaicRules | None = None) -> None:
         """Gauss-Newton steps that never increase the error, with down-weighted outliers and mosaic errors."""

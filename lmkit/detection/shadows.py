@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from lmkit.arrays import ByteArray, Float32Array, FloatArray
-from lmkit.kernels.shadow_edge import shadow_direction
+from lmkit.kernels.shadow_edge import Split, shadow_edge
 from lmkit.model.palette import SRGB_TO_LINEAR
 
 # The window over the side of a landmark: wider than the ground between margin and rings, which is a
@@ -28,7 +28,7 @@ LARGEST_WINDOW_PX = 31  # larger ones take as much time as all else
 DARKEST = 1e-3
 EDGE_DIRECTIONS = 36
 _ANGLES = np.arange(EDGE_DIRECTIONS) * (np.pi / EDGE_DIRECTIONS)
-_NORMALS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+NORMALS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 def window_for(side_px: float) -> int:
@@ -90,18 +90,12 @@ class ShadowEdge:
             light: (N,) observed over predicted brightness, positive.
             weights: (N,).
         """
-        values = np.log(light)
-        normal = _NORMALS[shadow_direction(at, values, weights, _NORMALS)]
-        along = at @ normal
-        order = along.argsort()
-        weight, total = weights[order].cumsum(), (weights * values)[order].cumsum()
-        before, behind = weight[:-1], weight[-1] - weight[:-1]
-        # Between-class variance, up to what no split changes (Otsu 1979).
-        between = total[:-1] ** 2 / before + (total[-1] - total[:-1]) ** 2 / behind
-        k = int(between.argmax())
-        means = total[k] / before[k], (total[-1] - total[k]) / behind[k]
-        middle = along[order[k : k + 2]].mean()
-        return cls(normal, float(middle), (math.exp(means[0]), math.exp(means[1])))
+        return cls.of(shadow_edge(at, np.log(light), weights, NORMALS))
+
+    @classmethod
+    def of(cls, split: Split) -> ShadowEdge:
+        """The edge along one of the `NORMALS` that splits the logarithms of the light."""
+        return cls(NORMALS[split.direction], split.offset, (math.exp(split.before), math.exp(split.behind)))
 
     def light(self, box: tuple[int, int, int, int]) -> Float32Array:
         """(y1 - y0, x1 - x0) light of an image's pixels in a box x0, y0, x1, y1; its edge is as soft as a pixel."""

@@ -11,6 +11,7 @@
 #include "lens.h"
 #include "linear.h"
 #include "plane.h"
+#include "shadow_edge.h"
 
 #define HEAD 18 /* of a decoding: turn, code, four energies left, inks */
 #define PRIORS 6
@@ -18,6 +19,7 @@
 #define FINISH 2
 #define CORNERS 8
 #define DISTORT_STEPS 6
+#define DARKEST 1e-3f /* linear light */
 #define LIMITS 6 /* of a registration; the last is the steps' own */
 
 /* Steps of a registration. */
@@ -85,6 +87,15 @@ LMKIT_EXPORT int lmkit_fit_covering(const Fit *fit, const double *view, int64_t 
                                     double price, int64_t capacity, float *planes, float *work, uint8_t *kinds,
                                     double *subsets, const double *state, double *results, double *out);
 
+/* At a state (15), for the reading of a turn and a code: the edge of the light that falls on the landmark, as
+ * `lmkit_shadow_edge` finds it in the logarithm of the light.  room: of that, and 6 doubles for every pixel.  out: the edge,
+ * then least and largest x and y of the pixels in the image.  Returns 1 where nothing is there.  Definition:
+ * detection/registration.py, edge_of_light. */
+LMKIT_EXPORT int lmkit_fit_shadow_edge(const Fit *fit, const double *view, int64_t turn, int64_t code,
+                                       int64_t directions, const double *normals, int64_t bins, int64_t capacity,
+                                       float *planes, float *work, uint8_t *kinds, double *subsets,
+                                       const double *state, double *room, double *out);
+
 static double side_of(const double *c)
 {
     double sum = 0.0;
@@ -108,6 +119,14 @@ static void distort(const double *view, double distortion, double *at)
     }
     at[0] = x[0] + view[0];
     at[1] = x[1] + view[1];
+}
+
+/* A pixel without distortion as the known lens shows it, and the slopes of its projection. */
+static void through_lens(const Fit *f, double *at, double *slopes)
+{
+    const Lens *lens = f->lens;
+    const double b = (at[1] - lens->cy) / lens->fy, a = (at[0] - lens->cx - f->skew * b) / lens->fx;
+    project_ray(lens, a, b, at, slopes);
 }
 
 /* The view of a landmark with these corners: its origin is the whole pixel next to their middle. */
@@ -134,8 +153,8 @@ static int bounding_box(const Fit *f, const double *view, const double *state, i
         if (state[11] != 0.0)
             distort(view, state[11], at);
         if (f->lens) {
-            double J[4], b = (at[1] - f->lens->cy) / f->lens->fy;
-            project_ray(f->lens, (at[0] - f->lens->cx - f->skew * b) / f->lens->fx, b, at, J);
+            double slopes[4];
+            through_lens(f, at, slopes);
             if (!(fabs(at[0]) < larger && fabs(at[1]) < larger))
                 return 0;
         }
@@ -261,8 +280,8 @@ static void seen_corners(const Fit *f, const double *view, const double *state, 
         double *at = corners + i;
         if (f->lens) {
             const Lens *lens = f->lens;
-            double slopes[4], b = (at[1] - lens->cy) / lens->fy, a = (at[0] - lens->cx - f->skew * b) / lens->fx;
-            project_ray(lens, a, b, at, slopes);
+            double slopes[4];
+            through_lens(f, at, slopes);
             for (int r = 0; r < 2; r++) {
                 J[i + r][i] = slopes[2 * r] / lens->fx;
                 J[i + r][i + 1] = (slopes[2 * r + 1] - slopes[2 * r] * f->skew / lens->fx) / lens->fy;
@@ -471,4 +490,36 @@ int lmkit_fit_covering(const Fit *f, const double *view, int64_t turn, int64_t c
     const int32_t *masks = f->masks + turn * f->codes;
     covering(p.n, gaps, p.at, p.values, p.variance, &plane, here[5], &hiding, reach, price, results + 6, (int)turn, (uint32_t)masks[code], masks, f->codes, p.work, scratch, (uint32_t *)p.subsets, out);
     return 0;
+}
+
+int lmkit_fit_shadow_edge(const Fit *f, const double *view, int64_t turn, int64_t code, int64_t directions,
+                          const double *normals, int64_t bins, int64_t capacity, float *planes, float *work,
+                          uint8_t *kinds, double *subsets, const double *state, double *room, double *out)
+{
+    Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
+    if (!take(f, view, state, f->coarse_pixels, 0.0, &p))
+        return 1;
+    const int64_t n = p.n;
+    double *at = room, *light = at + 2 * n, *weights = light + n, prior_weight;
+    float *drawn = (float *)(weights + n);
+    if (lmkit_robust_weights(n, f->drawing, view, p.at, p.values, p.variance, f->priors, state, f->masks[turn * f->codes + code], turn, p.work, drawn, p.robust, &prior_weight))
+        return 1;
+    double *low = out + 4, *high = out + 6;
+    low[0] = low[1] = INFINITY, high[0] = high[1] = -INFINITY;
+    for (int64_t i = 0; i < n; i++) {
+        const float expected = (drawn[i] + drawn[n + i] + drawn[2 * n + i]) / 3.0f;
+        const float seen = (p.values[i] + p.values[n + i] + p.values[2 * n + i]) / 3.0f;
+        const double bright = (double)(expected > DARKEST ? expected : DARKEST);
+        light[i] = log((double)(seen > DARKEST ? seen : DARKEST) / bright * (double)p.light[i]);
+        weights[i] = bright * bright;
+        double here[2] = {(double)p.at[i] + view[0], (double)p.at[n + i] + view[1]}, slopes[4];
+        if (f->lens)
+            through_lens(f, here, slopes);
+        for (int k = 0; k < 2; k++) {
+            at[2 * i + k] = here[k];
+            low[k] = here[k] < low[k] ? here[k] : low[k];
+            high[k] = here[k] > high[k] ? here[k] : high[k];
+        }
+    }
+    return lmkit_shadow_edge(n, at, light, weights, directions, normals, bins, room + 6 * capacity, out);
 }

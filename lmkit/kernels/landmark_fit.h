@@ -31,4 +31,9 @@ LMKIT_EXPORT int lmkit_register(int64_t n, const float *drawing, const double *v
                                 const double *mosaic, float *scratch, double *state,
                                 float *robust_variance, double *prior_weight, double *normal, double *error);
 
+LMKIT_EXPORT int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at,
+                                      const float *values, const float *variance, const double *rules,
+                                      const double *state, int64_t open_gaps, int64_t quarter, float *scratch,
+                                      float *drawn, float *robust_variance, double *prior_weight);
+
 #endif

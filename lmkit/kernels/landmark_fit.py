@@ -22,6 +22,7 @@ from lmkit.kernels.pattern import INKS, Drawing
 from lmkit.kernels.pixel_sampling import VISITED, Edges, Source
 from lmkit.kernels.plane import STATE, View
 from lmkit.kernels.registration import BLOCK, Limits, Priors, Steps, scratch_floats
+from lmkit.kernels.shadow_edge import BINS, Split, room_for_edge
 from lmkit.kernels.workspace import Workspace
 
 FloatArray = NDArray[np.floating[Any]]
@@ -102,6 +103,14 @@ class Rivals(NamedTuple):
     pixels: int
     error: float
     rivals_error: float | None
+
+
+class LightEdge(NamedTuple):
+    """An edge in the logarithm of the light on a landmark; (2,) least and largest positions of its pixels, px."""
+
+    split: Split
+    low: FloatArray
+    high: FloatArray
 
 
 class FitRules(NamedTuple):
@@ -321,6 +330,24 @@ class LandmarkFit:
         status = kernel(task, address(self.view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
         return None if status else Covering(float(out[0]), float(out[1]))
 
+    def run_shadow_edge(
+        self, view: View, state: FloatArray, turn: int, code: int, normals: FloatArray
+    ) -> LightEdge | None:
+        """The edge of the light on the landmark, at a (15,) state of the reading of a quarter turn and a code.
+
+        Args:
+            normals: (D,2) directions across the edge.
+        """
+        kernel = _shadow_edge_kernel()
+        assert kernel is not None
+        normals, out = contiguous(normals, (-1, 2)), np.empty(8)
+        rooms = [WORKSPACE.floats(*room) for room in self._room]
+        room = WORKSPACE.floats("edge", 2 * (6 * self._capacity + room_for_edge(self._capacity)))
+        task, ends = ctypes.addressof(self._task), (address(state), room, address(out))
+        directions = len(normals), address(normals), BINS
+        status = kernel(task, address(view.flat), turn, code, *directions, self._capacity, *rooms, *ends)
+        return None if status else LightEdge(Split.of(out), out[4:6], out[6:])
+
     def _fitted(self, state: FloatArray, out: FloatArray) -> Fitted:
         first = NORMAL + STATE * STATE
         second, end = first + self._decoding, first + 2 * self._decoding
@@ -376,3 +403,9 @@ def _rivals_kernel() -> Any:
 def _covering_kernel() -> Any:
     p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
     return function("lmkit_fit_covering", p, p, n, n, d, d, n, *[p] * 7)
+
+
+@lru_cache(maxsize=1)
+def _shadow_edge_kernel() -> Any:
+    p, n = ctypes.c_void_p, ctypes.c_int64
+    return function("lmkit_fit_shadow_edge", p, p, n, n, n, p, n, n, *[p] * 7)

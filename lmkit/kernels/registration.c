@@ -34,10 +34,6 @@ LMKIT_EXPORT int lmkit_linearize(int64_t n, const float *drawing, const double *
                                  const float *values, const float *variance, const double *rules,
                                  const double *state, int64_t open_gaps, int64_t quarter, int64_t fit_distortion,
                                  float *scratch, double *normal, double *gradient, double *error);
-LMKIT_EXPORT int lmkit_robust_weights(int64_t n, const float *drawing, const double *view, const float *at,
-                                      const float *values, const float *variance, const double *rules,
-                                      const double *state, int64_t open_gaps, int64_t quarter, float *scratch,
-                                      float *drawn, float *robust_variance, double *prior_weight);
 
 static int64_t blocks_of(int64_t n)
 {
