@@ -89,9 +89,8 @@ static int fit_parts(int gaps, const double *gram, const double *seen, const dou
     return 1;
 }
 
-int decode_pixels(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
-                  const float *variance, const double *state, const int32_t *masks, int64_t codes,
-                  const double *rules, int wanted, float *columns, double *subsets, double *out)
+void moments_of_pixels(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                       const float *variance, const double *state, int wanted, float *columns, Moments *out)
 {
     Drawing d = read_drawing(drawing);
     Plane plane = plane_of(view, state);
@@ -125,7 +124,7 @@ int decode_pixels(int64_t n, const float *drawing, const double *view, const flo
             sum += k + 1;
         }
     }
-    double gram[MAX_COLUMNS * MAX_COLUMNS], seen[MAX_COLUMNS * 3], square[9];
+    double *gram = out->gram, *seen = out->seen, *square = out->square;
     const lanes *sum = sums;
     for (int k = 0; k < R; k++)
         for (int j = 0; j <= k; j++, sum++) {
@@ -137,12 +136,22 @@ int decode_pixels(int64_t n, const float *drawing, const double *view, const flo
             else
                 square[(k - C) * 3 + j - C] = square[(j - C) * 3 + k - C] = t;
         }
+}
+
+int decode_pixels(int64_t n, const float *drawing, const double *view, const float *at, const float *values,
+                  const float *variance, const double *state, const int32_t *masks, int64_t codes,
+                  const double *rules, int wanted, float *columns, double *subsets, double *out)
+{
+    const Drawing d = read_drawing(drawing);
+    const int C = 9 + d.gaps;
+    Moments m;
+    moments_of_pixels(n, drawing, view, at, values, variance, state, wanted, columns, &m);
     Best best;
-    double energy = square[0] + square[4] + square[8], *inks = out + 6;
-    if (!best_hypothesis(d.gaps, gram, seen, energy, masks, (int)codes, rules[0], subsets, &best))
+    double energy = m.square[0] + m.square[4] + m.square[8], *inks = out + 6;
+    if (!best_hypothesis(d.gaps, m.gram, m.seen, energy, masks, (int)codes, rules[0], subsets, &best))
         return 1;
     uint32_t open = (uint32_t)masks[best.turn * codes + best.code];
-    if (!hypothesis_inks(d.gaps, gram, seen, best.turn, open, best.ridge, inks))
+    if (!hypothesis_inks(d.gaps, m.gram, m.seen, best.turn, open, best.ridge, inks))
         return 1;
     out[0] = best.turn;
     out[1] = best.code;
@@ -153,9 +162,10 @@ int decode_pixels(int64_t n, const float *drawing, const double *view, const flo
     if (!(wanted & PARTS))
         return 0;
     const OcclusionRules hiding = {rules[2], rules[3], rules[4], rules[5], rules[6], rules[7], rules[8]};
+    const Plane plane = plane_of(view, state);
     occlusion(n, d.gaps, at, values, variance, &plane, view[5], &hiding, inks, best.turn, open, masks + best.turn * codes, codes, columns, columns + (n + BLOCK) * C, out + HEAD);
     double *parts = out + HEAD + 2;
-    return !fit_parts(d.gaps, gram, seen, square, (double)n, best.turn, inks, rules[1], parts, parts + 2 + d.gaps);
+    return !fit_parts(d.gaps, m.gram, m.seen, m.square, (double)n, best.turn, inks, rules[1], parts, parts + 2 + d.gaps);
 }
 
 int lmkit_decode(int64_t n, const float *drawing, const double *view, const float *at, const float *values,

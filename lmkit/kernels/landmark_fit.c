@@ -70,19 +70,20 @@ LMKIT_EXPORT int lmkit_fit_landmarks(const Fit *fit, const double *view, int64_t
                                      double distortion_side, int64_t capacity, float *planes, float *work,
                                      uint8_t *kinds, double *subsets, int64_t width, double *rows);
 
-/* From a state (15) on (the view's origin is not used): how well the reading of a turn and a code fits, and how well its `rivals` likeliest other codes
- * do, each registered in `most` steps that end at `to_px` or `negligible`, as `Steps` do.  A rival is left out where its margin before that is over `hopeless` and over
- * `by_error` times the reading's error.  masks: a copy of the family's, which is used up.  results: room for a weight,
- * an error and a normal matrix.  out: pixels, the reading's error and the least of the rivals', -1 where none was
- * registered.  Returns 1 where nothing is there.  Definition: detection/rivals.py, rivals_of. */
+/* From a state (15) on: how well the reading of a turn and a code fits, and how well its `rivals` likeliest other codes
+ * do, each registered in `most` steps that end at `to_px` or `negligible`, as `Steps` do.  The view's origin is not used.
+ * A rival is left out where its margin before that is over `hopeless` and over `by_error` times the reading's error.
+ * masks: a copy of the family's, which is used up.  out: pixels, the reading's error and the least of the rivals', -1
+ * where none was registered.  Returns 1 where nothing is there.  Definition: detection/rivals.py, rivals_of. */
 LMKIT_EXPORT int lmkit_fit_rivals(const Fit *fit, const double *view, int64_t turn, int64_t code, int64_t rivals,
                                   int64_t most, double to_px, double negligible, double hopeless, double by_error,
                                   int64_t capacity, float *planes, float *work, uint8_t *kinds, double *subsets,
-                                  int32_t *masks, double *state, double *results, double *out);
+                                  int32_t *masks, double *state, double *out);
 
-/* At a state (15) (the view's origin is not used): chi2 by which the reading of a turn and a code explains the pixels better than another code behind an
- * object does, and than another code alone; 0 where these pixels are read otherwise.  reach and price: of `CoveringRules`.
- * results: room for a decoding's head.  Returns 1 where nothing is there.  Definition: detection/covering.py, covering_of. */
+/* At a state (15): chi2 by which the reading of a turn and a code explains the pixels better than another code behind an
+ * object does, and than another code alone; 0 where these pixels are read otherwise.  The view's origin is not used.
+ * reach and price: of `CoveringRules`.  results: room for a decoding's head.  Returns 1 where nothing is there.
+ * Definition: detection/covering.py, covering_of. */
 LMKIT_EXPORT int lmkit_fit_covering(const Fit *fit, const double *view, int64_t turn, int64_t code, double reach,
                                     double price, int64_t capacity, float *planes, float *work, uint8_t *kinds,
                                     double *subsets, const double *state, double *results, double *out);
@@ -249,13 +250,13 @@ static void limits_of(const Fit *f, double negligible, double *limits)
     limits[LIMITS - 1] = negligible;
 }
 
-/* cells: of the color mosaic, or null where it does not count. */
-static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, const float *cells, double *state, double *out)
+/* cells: of the color mosaic, or null where it does not count.  normal: or null, where nothing needs it. */
+static int fit_step(const Fit *f, const double *view, const Steps *steps, int64_t fit_distortion, const double *decoded, const Pixels *p, const float *cells, double *state, double *normal, double *out)
 {
     int64_t turn = (int64_t)decoded[0], code = (int64_t)decoded[1], open = f->masks[turn * f->codes + code];
     double limits[LIMITS];
     limits_of(f, steps->negligible, limits);
-    return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, cells, f->color_mosaic, p->work, state, p->robust, out + 2, out + 3, out + 1);
+    return !lmkit_register(p->n, f->drawing, view, p->at, p->values, p->variance, f->priors, limits, open, turn, fit_distortion, steps->rounds, steps->most, steps->to_px, cells, f->color_mosaic, p->work, state, p->robust, out + 2, normal, out + 1);
 }
 
 static void weigh_channels(const Fit *f, Pixels *p)
@@ -373,7 +374,7 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
             return 1;
         for (int64_t k = 0; k < f->read_rounds && plain[0] >= 0.0; k++) {
             const double turn = plain[0], code = plain[1];
-            if (!fit_step(f, view, &f->coarse, 0, plain, &p, NULL, state, out) || !take(f, view, state, f->coarse_pixels, 0.0, &p))
+            if (!fit_step(f, view, &f->coarse, 0, plain, &p, NULL, state, NULL, out) || !take(f, view, state, f->coarse_pixels, 0.0, &p))
                 return 1;
             read_code(f, view, state, &p, p.variance, at_first, plain);
             if (plain[0] == turn && plain[1] == code)
@@ -386,7 +387,7 @@ int lmkit_fit_landmark(const Fit *f, const double *view, int64_t phases, int64_t
         if (!take(f, view, state, f->pixels, f->near_share, &p))
             return 1;
         weigh_channels(f, &p);
-        if (!fit_step(f, view, &f->fine, fit_distortion, plain, &p, p.cells, state, out))
+        if (!fit_step(f, view, &f->fine, fit_distortion, plain, &p, p.cells, state, out + 3, out))
             return 1;
         read_code(f, view, state, &p, p.variance, PARTS, plain);
         /* Only its margins count. */
@@ -427,8 +428,7 @@ static void leave_out(int32_t *masks, int64_t codes, int64_t code)
 
 int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t code, int64_t rivals, int64_t most,
                      double to_px, double negligible, double hopeless, double by_error, int64_t capacity, float *planes,
-                     float *work, uint8_t *kinds, double *subsets, int32_t *masks, double *state, double *results,
-                     double *out)
+                     float *work, uint8_t *kinds, double *subsets, int32_t *masks, double *state, double *out)
 {
     Pixels p = room_for_pixels(capacity, planes, work, kinds, subsets);
     double here[VIEW];
@@ -438,7 +438,7 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
     weigh_channels(f, &p);
     double limits[LIMITS];
     limits_of(f, negligible, limits);
-    double *weight = results, *error = results + 1, *normal = results + 2, moved[STATE], decoded[HEAD];
+    double weight, error, moved[STATE], decoded[HEAD];
     int64_t codes = f->codes, open = masks[turn * codes + code];
     out[0] = (double)p.n;
     out[1] = 1.0;
@@ -447,21 +447,25 @@ int lmkit_fit_rivals(const Fit *f, const double *view, int64_t turn, int64_t cod
     const double far = fmax(hopeless, by_error * decoded[2] / (3.0 * (double)p.n));
     if (decoded[0] == (double)turn && decoded[1] == (double)code && fmin(margin(f, decoded, decoded[3], p.n), margin(f, decoded, decoded[4], p.n)) > far)
         return 0;
-    if (lmkit_register(p.n, f->drawing, here, p.at, p.values, p.variance, f->priors, limits, open, turn, 0, 0, most, to_px, NULL, NULL, p.work, state, p.robust, weight, normal, error))
+    if (lmkit_register(p.n, f->drawing, here, p.at, p.values, p.variance, f->priors, limits, open, turn, 0, 0, most, to_px, NULL, NULL, p.work, state, p.robust, &weight, NULL, &error))
         return 1;
-    const double per_log = 3.0 * (double)p.n / f->correlated / 2.0, own = *error > 1e-9 ? *error : 1e-9;
+    const double per_log = 3.0 * (double)p.n / f->correlated / 2.0, own = error > 1e-9 ? error : 1e-9;
     out[1] = own;
+    Moments m;
+    moments_of_pixels(p.n, f->drawing, here, p.at, p.values, p.variance, state, 0, p.work, &m);
+    const double energy = m.square[0] + m.square[4] + m.square[8];
     for (int64_t k = 0; k < rivals && codes > 1; k++) {
+        Best best;
         leave_out(masks, codes--, code);
-        if (decode_pixels(p.n, f->drawing, here, p.at, p.values, p.variance, state, masks, codes, f->decoding, 0, p.work, p.subsets, decoded))
+        if (!best_hypothesis((int)f->gaps, m.gram, m.seen, energy, masks, (int)codes, f->decoding[0], p.subsets, &best))
             break;
-        turn = (int64_t)decoded[0], code = (int64_t)decoded[1];
-        if (per_log * log(decoded[2] / (3.0 * (double)p.n * own)) > far)
+        turn = best.turn, code = best.code;
+        if (per_log * log(best.left / (3.0 * (double)p.n * own)) > far)
             break;
         memcpy(moved, state, sizeof moved);
-        if (lmkit_register(p.n, f->drawing, here, p.at, p.values, p.variance, f->priors, limits, masks[turn * codes + code], turn, 0, 0, most, to_px, NULL, NULL, p.work, moved, p.robust, weight, normal, error))
+        if (lmkit_register(p.n, f->drawing, here, p.at, p.values, p.variance, f->priors, limits, masks[turn * codes + code], turn, 0, 0, most, to_px, NULL, NULL, p.work, moved, p.robust, &weight, NULL, &error))
             break;
-        out[2] = out[2] < 0.0 || *error < out[2] ? *error : out[2];
+        out[2] = out[2] < 0.0 || error < out[2] ? error : out[2];
         if (out[2] < own)
             break;
     }

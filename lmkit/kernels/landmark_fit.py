@@ -156,7 +156,8 @@ class Fitted(NamedTuple):
     Attributes:
         state: (15,) where it ended.
         pixels: number of them.
-        error: per value; ``normal``: (15,15) J'WJ; both of the last registration.
+        error: per value, of the last registration.
+        normal: (15,15) J'WJ of the registration with all pixels; 0 before.
         plain, robust: decodings with the pixels' own weights, and with outliers down-weighted, without their
             parts; None if the pixels do not determine the inks.
         corners: (4,2) in the image, distortion and all; ``covariance``: (8,8) px^2.  Both once all pixels are used.
@@ -311,11 +312,10 @@ class LandmarkFit:
         """The reading of a quarter turn and a code, and its rivals, from a (15,) state; None with too few pixels."""
         kernel = _rivals_kernel()
         assert kernel is not None
-        masks, moved = self._kept[0].masks.copy(), np.array(state, dtype=np.float64)
-        results, out = np.empty(2 + STATE * STATE), np.empty(3)
+        masks, moved, out = self._kept[0].masks.copy(), np.array(state, dtype=np.float64), np.empty(3)
         rooms = [WORKSPACE.floats(*room) for room in self._room]
         task = ctypes.addressof(self._task)
-        ends = addresses(masks, moved, results, out)
+        ends = addresses(masks, moved, out)
         status = kernel(task, address(self.view.flat), turn, code, *rules, self._capacity, *rooms, *ends)
         return None if status else Rivals(int(out[0]), float(out[1]), float(out[2]) if out[2] >= 0 else None)
 
@@ -396,7 +396,7 @@ def _all_kernel() -> Any:
 @lru_cache(maxsize=1)
 def _rivals_kernel() -> Any:
     p, n, d = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-    return function("lmkit_fit_rivals", p, p, n, n, n, n, d, d, d, d, n, *[p] * 8)
+    return function("lmkit_fit_rivals", p, p, n, n, n, n, d, d, d, d, n, *[p] * 7)
 
 
 @lru_cache(maxsize=1)

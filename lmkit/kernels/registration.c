@@ -567,10 +567,13 @@ static int error_of(const Problem *p, const double *state, double *error)
     return isfinite(*error);
 }
 
-/* negligible: fall of chi2 below which a step is not looked at.  *drawn: 1 where the jets in scratch are those of the
- * state; before and behind. */
+/* negligible: fall of chi2 below which a step is not looked at.  normal: null where nothing needs the slopes of the last
+ * state.  *drawn: 1 where the jets in scratch are those of the state; before and behind. */
 static int gauss_newton(const Problem *p, const double *limits, double negligible, int64_t iterations, double to_px, double *state, double *normal, double *error, int *drawn)
 {
+    const int64_t sloped = normal ? iterations : iterations - 1; /* steps after which slopes are needed */
+    double own_normal[STATE * STATE];
+    normal = normal ? normal : own_normal;
     double gradient[STATE], trial_normal[STATE * STATE], trial_gradient[STATE];
     double damping = 1e-3;
     if (!*drawn)
@@ -613,8 +616,10 @@ static int gauss_newton(const Problem *p, const double *limits, double negligibl
                         return 1;
                     }
                     /* Shorter steps often fail as the first one did, and then need no slopes, unless a shift of colors does. */
-                    better = attempt == 0 || p->cells || (error_of(p, trial, &trial_error) && trial_error < *error);
-                    better = better && linearize(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
+                    const int by_slopes = k < sloped && (attempt == 0 || p->cells);
+                    better = by_slopes || (error_of(p, trial, &trial_error) && trial_error < *error);
+                    if (better && k < sloped)
+                        better = linearize(p, trial, trial_normal, trial_gradient, &trial_error) && trial_error < *error;
                 }
             }
             if (!better)
@@ -624,9 +629,11 @@ static int gauss_newton(const Problem *p, const double *limits, double negligibl
             break;
         double gain = 1.0 - trial_error / *error;
         memcpy(state, trial, sizeof trial);
+        *error = trial_error;
+        if (k >= sloped)
+            break;
         memcpy(normal, trial_normal, sizeof trial_normal);
         memcpy(gradient, trial_gradient, sizeof gradient);
-        *error = trial_error;
         *drawn = 1;
         damping = damping * 0.1 > 1e-6 ? damping * 0.1 : 1e-6;
         if (most < to_px || gain < 1e-5)
@@ -753,7 +760,8 @@ int lmkit_register(int64_t n, const float *drawing, const double *view, const fl
         fill_roots(&weighted);
         /* With a mosaic, rounds before the last only bring the drawing to its place. */
         const double negligible = cells && round + 1 < rounds ? TO_PLACE : limits[5];
-        if (!gauss_newton(&weighted, limits, negligible, iterations, to_px, state, normal, error, &drawn))
+        double *slopes = round + 1 < rounds ? NULL : normal;
+        if (!gauss_newton(&weighted, limits, negligible, iterations, to_px, state, slopes, error, &drawn))
             return 1;
     }
     *prior_weight = weighted_rules[4];
