@@ -82,7 +82,7 @@ def _between(weight: NDArray[Any], total: NDArray[Any]) -> FloatArray:
 
 
 def room_for_edge(positions: int) -> int:
-    """Doubles of the kernel's workspace for this number of positions."""
+    """Length of the kernel's workspace for this number of positions, in double precision."""
     return 2 * BINS + 3 * positions
 
 
