@@ -104,43 +104,43 @@ static void sample_grid(const Screen *s, const Level *level, int64_t scale, cons
 static void take_shadow_out(const Screen *s, float *samples)
 {
     const int64_t side = s->side, reach = s->window / 2, K = s->points;
-    float gray[MAX_GRID], across[MAX_GRID];
-    for (int64_t i = 0; i < side * side; i++)
-        gray[i] = (samples[i] + samples[K + i] + samples[2 * K + i]) * (1.0f / 3.0f);
+    /* Rows of a length that is known when this is compiled, so that loops along them vectorize. */
+    float gray[MAX_SIDE][MAX_SIDE], across[MAX_SIDE][MAX_SIDE];
+    for (int64_t i = 0; i < side; i++)
+        for (int64_t j = 0; j < side; j++) {
+            const float *at = samples + i * side + j;
+            gray[i][j] = (at[0] + at[K] + at[2 * K]) * (1.0f / 3.0f);
+        }
     for (int pass = 0; pass < 2; pass++) {
         const float sign = pass == 0 ? 1.0f : -1.0f;
         for (int64_t i = 0; i < side; i++) {
-            /* Row and maximum with room at both ends, whose lengths are known when this is compiled. */
-            float padded[3 * MAX_SIDE], most[MAX_SIDE];
+            float padded[3 * MAX_SIDE];
             for (int64_t j = 0; j < 3 * MAX_SIDE; j++)
                 padded[j] = -1e30f;
             for (int64_t j = 0; j < side; j++)
-                padded[MAX_SIDE + j] = sign * gray[i * side + j];
+                padded[MAX_SIDE + j] = sign * gray[i][j];
             for (int64_t j = 0; j < MAX_SIDE; j++)
-                most[j] = -1e30f;
+                across[i][j] = -1e30f;
             for (int64_t k = MAX_SIDE - reach; k <= MAX_SIDE + reach; k++)
                 for (int64_t j = 0; j < MAX_SIDE; j++)
-                    most[j] = padded[k + j] > most[j] ? padded[k + j] : most[j];
-            for (int64_t j = 0; j < side; j++)
-                across[i * side + j] = most[j];
+                    across[i][j] = padded[k + j] > across[i][j] ? padded[k + j] : across[i][j];
         }
         for (int64_t i = 0; i < side; i++) {
-            int64_t low = i > reach ? i - reach : 0, high = i + reach < side ? i + reach : side - 1;
-            float *row = gray + i * side;
-            for (int64_t j = 0; j < side; j++)
-                row[j] = -1e30f;
+            const int64_t low = i > reach ? i - reach : 0, high = i + reach < side ? i + reach : side - 1;
+            float most[MAX_SIDE];
+            for (int64_t j = 0; j < MAX_SIDE; j++)
+                most[j] = -1e30f;
             for (int64_t k = low; k <= high; k++)
-                for (int64_t j = 0; j < side; j++)
-                    row[j] = across[k * side + j] > row[j] ? across[k * side + j] : row[j];
-            for (int64_t j = 0; j < side; j++)
-                row[j] *= sign;
+                for (int64_t j = 0; j < MAX_SIDE; j++)
+                    most[j] = across[k][j] > most[j] ? across[k][j] : most[j];
+            for (int64_t j = 0; j < MAX_SIDE; j++)
+                gray[i][j] = sign * most[j];
         }
     }
-    for (int64_t i = 0; i < side * side; i++) {
-        gray[i] = gray[i] > 1e-3f ? gray[i] : 1e-3f;
-        for (int c = 0; c < 3; c++)
-            samples[c * K + i] /= gray[i];
-    }
+    for (int c = 0; c < 3; c++)
+        for (int64_t i = 0; i < side; i++)
+            for (int64_t j = 0; j < side; j++)
+                samples[c * K + i * side + j] /= gray[i][j] > 1e-3f ? gray[i][j] : 1e-3f;
 }
 
 /* 1, or 0 where no shadow may end on the square, or -1 where it is no landmark. */
