@@ -1,6 +1,7 @@
 """Runs to a goal, simulated: how often the robot arrives, how near, and whether its pose is right.
 
     uv run python benchmarks/navigate.py [--runs 20] [--first 0] [--every-second] [--images]
+        [--lens 0.06] [--wheel-noise 0.02]
 
 In each of the plans in benchmarks/floors, landmarks as `lmkit plan place` places them; random starts (0.4 m clear of
 walls, any heading) and goals (where the placement holds its demand); wheels that report 8 % too much distance and 10
@@ -31,6 +32,7 @@ from lmkit.planning.coverage import Demand, PoseCoverage, predict_coverage
 from lmkit.planning.mounting_sites import MountingOptions
 from lmkit.planning.placement import place_landmarks
 from lmkit.planning.route import Goal
+from lmkit.simulation.lens_errors import with_lens_errors
 from lmkit.simulation.recording import T_BASE_LEFT, WheelErrors
 from lmkit.simulation.robot import SimulatedRobot
 from lmkit.simulation.scene import floor_scene, make_rig
@@ -73,7 +75,7 @@ def wrapped(angle: float) -> float:
     return float(np.arctan2(np.sin(angle), np.cos(angle)))
 
 
-def drive(seed: int, path: Path, half: bool, images: bool) -> Run:
+def drive(seed: int, path: Path, half: bool, images: bool, lens_px: float, wheels: WheelErrors) -> Run:
     floor, landmarks, coverage, full = prepared(path, half)
     rng = np.random.default_rng(seed)
     clear = floor.clearance_at(full.places) > CLEAR_M
@@ -82,7 +84,7 @@ def drive(seed: int, path: Path, half: bool, images: bool) -> Run:
     place, turn = goals[rng.integers(len(goals))]
     goal = Goal(*full.places[place].tolist(), float(full.headings[turn]))
     cameras = RenderedCameras(floor_scene(seed, floor, landmarks), RIG, seed) if images else None
-    robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, WHEELS, seed, cameras)
+    robot = SimulatedRobot(floor, landmarks, RIG, start, RADIUS_M, wheels, seed, cameras)
     inside: list[bool] = []
 
     def note(pose: TrackedPose) -> None:
@@ -92,7 +94,8 @@ def drive(seed: int, path: Path, half: bool, images: bool) -> Run:
 
     # Simulated corners have no lens and no paper that the floor could stand for.
     floor_px = CORNER_FLOOR_PX if images else 0.0
-    site = Site(floor, landmarks, RIG, RADIUS_M, Demand(), coverage, corner_floor_px=floor_px)
+    rig = with_lens_errors(RIG, lens_px, seed)
+    site = Site(floor, landmarks, rig, RADIUS_M, Demand(), coverage, corner_floor_px=floor_px)
     journey = drive_to(robot, site, goal, on_pose=note)
     off = float(np.hypot(goal.x_m - robot.state[0], goal.y_m - robot.state[1]))
     off_deg = float(np.rad2deg(abs(wrapped(robot.state[2] - (goal.heading_rad or 0.0)))))
@@ -118,15 +121,25 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed")
     parser.add_argument("--every-second", action="store_true")
     parser.add_argument("--images", action="store_true")
+    parser.add_argument("--lens", type=float, default=0.0, help="px, rms, by which the robot's lenses are off")
+    parser.add_argument("--wheel-noise", type=float, default=WHEELS.noise_per_root_m, help="m per root of a meter")
     parser.add_argument("floors", type=Path, nargs="*")
     arguments = parser.parse_args()
+    wheels = replace(WHEELS, noise_per_root_m=arguments.wheel_noise)
     floors = arguments.floors or sorted(Path(__file__).parent.glob("floors/*.yaml"))
     print("| floor | runs | arrived | claimed wrongly | touched | else | off cm, middle / worst | in 95 % ellipse |")
     print("|---|---|---|---|---|---|---|---|")
     everything: list[Run] = []
     for path in floors:
         with ProcessPoolExecutor() as pool:
-            job = partial(drive, path=path, half=arguments.every_second, images=arguments.images)
+            job = partial(
+                drive,
+                path=path,
+                half=arguments.every_second,
+                images=arguments.images,
+                lens_px=arguments.lens,
+                wheels=wheels,
+            )
             seeds = range(arguments.first, arguments.first + arguments.runs)
             runs = list(pool.map(job, seeds, chunksize=(arguments.runs + 1) // 2))
         print(row(path.stem, runs), flush=True)

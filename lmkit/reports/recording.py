@@ -270,7 +270,8 @@ def _innovations(tracked: TrackedTrajectory) -> str:
     return figure(
         plot,
         "Normalized innovation squared (NIS): how far the observations lie from the prediction, against their "
-        f"covariance. Mean {squared.sum() / dof.sum():.2f}; 1 is expected, less means cautious covariances. "
+        f"covariance. Mean {squared.sum() / dof.sum():.2f}. 1 is expected where errors are as large as stated and "
+        "independent; observations that share errors (of lenses, of the map) give less. "
         f"Line: {100 * INSIDE:.0f} % bound. Red: above it, {outside} of {counted} frames.",
     )
 

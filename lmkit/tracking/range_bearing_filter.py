@@ -226,6 +226,9 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
     log = (
         -0.5 * squared - 0.5 * math.log(np.linalg.det(S)) - math.log(2 * math.pi * units) + math.log(1 - WRONG_SHARE)
     )
+    # Readings that share errors weigh less, but each is as accurate as its own noise says.
+    own = spread * r
+    nis = float(own @ np.linalg.solve(spread**2 * (S - np.eye(2)) + np.eye(2), own))
     left = np.eye(STATES) - K @ H
     return _Track(
         track.x + K @ r,
@@ -233,7 +236,7 @@ def _with_reading(track: _Track, reading: Readings, spread: float) -> _Track:
         track.log_weight + log,
         0,
         track.outliers,
-        track.nis + squared,
+        track.nis + nis,
         track.nis_dof + int(given.sum()),
     )
 

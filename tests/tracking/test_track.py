@@ -18,7 +18,7 @@ from lmkit.odometry.wheel_odometry import NOMINAL, MotionModel
 from lmkit.simulation.recording import WheelErrors, make_drive
 from lmkit.tracking import range_bearing_filter as planar_filter
 from lmkit.tracking.batch import track_images, track_readings
-from lmkit.tracking.online import track_images_live, track_live
+from lmkit.tracking.online import run_live, track_images_live, track_live
 from lmkit.tracking.range_bearing_filter import PlanarFilter
 
 
@@ -250,6 +250,17 @@ def test_innovations_are_as_large_as_expected_where_readings_scatter_as_stated(m
         drive = make_drive(seed)
         ratios.append(innovation_ratio(track_live(drive.readings(seed), drive.odometry, drive.gyro, drive.landmarks)))
     assert 0.6 < np.mean(ratios) < 1.2
+
+
+def test_innovations_of_readings_that_share_errors_are_judged_by_their_own_noise():
+    """Readings of one landmark within 40 s weigh as one; with their weights as noise the ratio was 0.08."""
+    drive = make_drive(1, seconds=20)
+    filter_ = PlanarFilter(drive.landmarks, ReadingNoise(1e-3, 0.03, 0.01, 1e-4))
+    readings = drive.readings(1)
+    times = [time_s for time_s, _ in readings]
+    answers = run_live(times, lambda k: filter_.observe(*readings[k]), filter_.wheels, drive.odometry, None)
+    squared, dof = np.sum([(a.nis, a.nis_dof) for a in answers], axis=0)
+    assert 0.3 < squared / dof < 1.2
 
 
 def test_innovations_of_corners_are_as_large_as_expected():

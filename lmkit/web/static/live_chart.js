@@ -14,7 +14,7 @@ export function innovationChart() {
     if (box.firstChild !== figure) box.replaceChildren(figure);
     const banded = points.filter(([, , b]) => b), count = (is) => Math.round(100 * banded.filter(([, v, b]) => is(v, b)).length / banded.length);
     const share = banded.length ? `${count((v, b) => v >= b[0] && v <= b[1])} % in the band, ${count((v, b) => v < b[0])} % below, ${count((v, b) => v > b[1])} % above` : "no band";
-    const text = `Normalized innovation of each step against its 95 % band: ${share}. Around 1 the stated uncertainty is right; below, it is cautious; above, something contradicts the map or the odometry.`;
+    const text = `Normalized innovation of each step against its 95 % band: ${share}. Around 1 errors are as large as stated; below, they are smaller, or images share them (lenses, map); above, something contradicts the map or the odometry.`;
     if (words.textContent !== text) { words.textContent = text; canvas.setAttribute("aria-label", `Innovations of ${points.length} steps: ${share}`); }
     paint(canvas, points, banded);
   }
