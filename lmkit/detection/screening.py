@@ -60,7 +60,7 @@ class ScreeningThresholds:
 
     white_over_dark: float = 1.15
     white_over_ground: float = 1.15
-    red_over_blue: float = 0.2
+    red_over_blue: float = 0.0
     contrast: float = 0.05
     turn: float = 0.0
 
