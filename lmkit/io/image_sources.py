@@ -17,6 +17,7 @@ from lmkit.io.image_names import in_order, time_of
 from lmkit.io.images import SUFFIXES, decode_image, read_image
 
 CAMERA = "camera:"
+LARGEST_SEARCHED = 1 << 28  # bytes of a video that is searched for its index
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v"})
 
 
@@ -152,10 +153,23 @@ def video_frames(source: str) -> Iterator[Frame]:
     finally:
         video.release()
     if count == 0:
-        hint = "give MP4, AVI, MOV, MKV or WebM"
+        hint = _how_to_give_video(source)
         if source.startswith(CAMERA):
             hint = "check the number and the cable, and close other programs that use the camera"
         yield Frame(source, None, InputError("bad_video", f"{source}: no frame can be read", hint))
+
+
+def _how_to_give_video(source: str) -> str:
+    """Advice for a file without a frame; the index of MP4 and MOV is written last."""
+    try:
+        data = Path(source).read_bytes() if Path(source).stat().st_size < LARGEST_SEARCHED else b"moov"
+    except (OSError, ValueError):
+        data = b"moov"
+    if not data:
+        return "the file is empty: copy or record it again"
+    if data[4:8] == b"ftyp" and b"moov" not in data:
+        return "the recording was cut off, or the copy is not complete: its index (moov) is missing"
+    return "give MP4, AVI, MOV, MKV or WebM"
 
 
 def camera_number(source: str) -> int:

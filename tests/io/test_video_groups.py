@@ -9,7 +9,7 @@ import pytest
 from lmkit.errors import InputWarning
 from lmkit.io import video_groups
 from lmkit.io.image_groups import frame_groups
-from lmkit.io.image_sources import Frame
+from lmkit.io.image_sources import Frame, video_frames
 
 SIZE = (64, 48)
 
@@ -66,3 +66,20 @@ def test_three_videos_lose_the_end_of_the_longest_and_the_frames_that_one_lacks(
         groups = list(frame_groups(sources))
     numbers = [tuple(int(frame.name.rpartition("#")[2]) for frame in group) for group in groups]
     assert numbers == [(2 * k, 2 * k, k) for k in range(13)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "hint"), [("empty", "the file is empty"), ("cut", "its index"), ("text", "give MP4, AVI")]
+)
+def test_what_is_wrong_with_a_video_is_said(tmp_path, kind, hint):
+    """A file of MP4 that was cut off lacks the index, which is written last."""
+    path = tmp_path / "a.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, SIZE)
+    for k in range(10):
+        writer.write(np.full((SIZE[1], SIZE[0], 3), 20 * k, dtype=np.uint8))
+    writer.release()
+    whole = path.read_bytes()
+    path.write_bytes({"empty": b"", "cut": whole[: whole.index(b"moov") - 4], "text": b"no video"}[kind])
+    (frame,) = video_frames(str(path))
+    assert frame.error is not None
+    assert hint in frame.error.hint
