@@ -19,7 +19,7 @@ LARGEST_TIME = 1e19
 
 
 def read_rows(path: Path, what: str) -> list[list[str]]:
-    """Rows of cells without the space around them, and without empty cells behind the last column.
+    """Rows of cells without the space around them, and without one empty cell behind the last column.
 
     Raises:
         InputError: not readable, empty, or not a table.
@@ -34,7 +34,7 @@ def read_rows(path: Path, what: str) -> list[list[str]]:
     except csv.Error as error:
         raise InputError("bad_table", f"{path}: not a table ({error})", f"give {with_article(what)} as CSV") from None
     columns = len(rows[0])
-    rows = [row[:columns] if len(row) > columns and not any(row[columns:]) else row for row in rows]
+    rows = [row[:-1] if len(row) == columns + 1 and not row[-1] else row for row in rows]
     if separator == ";":
         rows = rows[:1] + [[_with_decimal_point(cell) for cell in row] for row in rows[1:]]
     return rows

@@ -184,6 +184,16 @@ def test_poles_are_carried_to_the_end_of_a_slow_scan() -> None:
     assert np.array([[c, -s], [s, c]]) @ moved.point + motion[:2] == pytest.approx(pole.point)
 
 
+def test_a_scan_without_any_echo_is_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "scans.csv"
+    scans = [LaserScan(time_s, -0.2, 0.1, np.full(5, range_m)) for time_s, range_m in ((0.0, np.nan), (0.5, 2.0))]
+    path.write_text(scans_to_csv(scans))
+    assert [scan.ranges_m.tolist() for scan in read_scans(path)] == [
+        pytest.approx([np.nan] * 5, nan_ok=True),
+        [2.0] * 5,
+    ]
+
+
 def test_scans_come_out_of_a_bag(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import Writer
