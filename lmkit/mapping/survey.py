@@ -44,7 +44,6 @@ from lmkit.odometry.motion_model import Motion
 
 OUTLIER_SIGMA = 4.5  # root mean square over an observation's eight coordinates
 ROUNDS, STEPS = 4, 30
-ROUND_GAIN = 1.0  # of the cost: later rounds change weights, and with them the minimum, by more than what is left
 WEIGHINGS = 2
 CONTRADICTED_SHARE, LEAST_CONTRADICTED = 0.1, 3  # observations that do not fit
 OFF_CONSTRAINT_SIGMA = 4.0
@@ -242,20 +241,20 @@ def _start_anchors(start: Start, problem: BundleProblem) -> dict[LandmarkId, Anc
 
 
 def optimize_all(problem: BundleProblem) -> None:
-    """Bundle adjustment without outlier observations; later steps can lower the cost by less than `ROUND_GAIN`."""
+    """Bundle adjustment to convergence, without outlier observations."""
     # Large slips are rare; if they were allowed from the start, a moved landmark would be explained by a slip.
     problem.slip_sigma = NEVER
     problem.carry()
-    problem.optimize(STEPS, ROUND_GAIN)
+    problem.optimize(STEPS)
     dropped = -1
     for round_ in range(ROUNDS):
         now = problem.drop_outliers(OUTLIER_SIGMA)
         problem.slip_sigma = SLIP_SIGMA
         problem.carry()
-        problem.optimize(STEPS, ROUND_GAIN)
+        problem.optimize(STEPS)
         if round_ < WEIGHINGS:
             problem.weigh_motion()
-            problem.optimize(STEPS, ROUND_GAIN)
+            problem.optimize(STEPS)
         elif now == dropped:
             break
         dropped = now
