@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from lmkit.arrays import FloatArray
 from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.geometry.rotations import quaternion_to_matrix
 from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
@@ -36,7 +36,7 @@ def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
     places = np.array([marker.T_map_landmark.t for marker in mapped])
     height, width = float(np.abs(places[:, 2]).max()), float(np.ptp(places, axis=0).max())
     if height > HIGHEST_M or width > WIDEST_M:
-        _require_in_sight(path, places, np.array([marker.size_m for marker in mapped]), height)
+        require_in_sight(path, mapped)
         sentence = (
             f"{path}: landmarks up to {height:.4g} m high and {width:.4g} m apart: are its lengths inches or "
             "millimeters? Give meters"
@@ -57,7 +57,7 @@ def with_doubts(path: Path, landmarks: LandmarkMap) -> LandmarkMap:
     return landmarks
 
 
-def _reads_upright_with_w_first(mapped: list[MappedLandmark]) -> bool:
+def _reads_upright_with_w_first(mapped: Sequence[MappedLandmark]) -> bool:
     """Whether landmarks of several walls are all upright with quaternions w x y z, and not with those read."""
     faced = [m for m in mapped if m.id.family != POLE]
     quaternions = np.array([m.T_map_landmark.quaternion_xyzw for m in faced]).reshape(-1, 4)
@@ -67,8 +67,15 @@ def _reads_upright_with_w_first(mapped: list[MappedLandmark]) -> bool:
     return are_several and bool((w_first[:, 2, 1] > UPRIGHT).all()) and not (as_read[:, 2, 1] > UPRIGHT).all()
 
 
-def _require_in_sight(path: Path, places: FloatArray, sizes_m: FloatArray, height_m: float) -> None:
-    """Refuse a map whose landmarks are all farther from the next one than can be seen, some far above the floor."""
+def require_in_sight(path: Path, mapped: Sequence[MappedLandmark]) -> None:
+    """Refuse landmarks that are all farther from the next one than can be seen, some far above the floor.
+
+    Raises:
+        InputError: ``implausible_map``: lengths are probably millimeters.
+    """
+    places = np.array([marker.T_map_landmark.t for marker in mapped]).reshape(-1, 3)
+    sizes_m = np.array([marker.size_m for marker in mapped])
+    height_m = float(np.abs(places[:, 2]).max(initial=0.0))
     if len(places) < 2 or height_m < HARDLY_HIGH_M:
         return
     # Importing scipy takes longer than this computation.

@@ -17,6 +17,7 @@ from lmkit.arrays import FloatArray
 from lmkit.errors import InputError, InputWarning, warn_caller
 from lmkit.io.field_problems import plain_problem
 from lmkit.io.landmark_map import FOREIGN_FAMILY
+from lmkit.io.map_plausibility import require_in_sight
 from lmkit.io.tables import read_rows, to_number
 from lmkit.model.families import family_named
 from lmkit.model.floor_plan import Wall
@@ -89,6 +90,7 @@ def read_measured_map(path: Path, walls: Sequence[Wall], defaults: FormDefaults)
             ) from None
     if not landmarks:
         raise InputError("no_landmarks", f"{path}: no row has a measurement", "fill in wall, left_m and height_m")
+    require_in_sight(path, landmarks)
     if _are_radians(facing_deg):
         some = ", ".join(f"{angle:g}" for angle in facing_deg[:3])
         warn_caller(InputWarning(f"{path}: facing_deg of {some}: are these radians? Write degrees"))

@@ -271,3 +271,11 @@ def test_directions_in_radians_in_a_form_are_doubted(tmp_path, directions, is_do
         warnings.simplefilter("always")
         read_measured_map(tmp_path / "form.csv", [], FormDefaults("lm8"))
     assert ["are these radians" in str(w.message) for w in caught] == [True] * is_doubted
+
+
+def test_a_form_in_millimeters_is_refused_like_the_map_it_would_give(tmp_path):
+    rows = ["1,0,1000,1500,0", "2,4000,1000,1500,180", "3,2000,5000,1500,-90"]
+    form = tmp_path / "form.csv"
+    form.write_text("\n".join(["code,x_m,y_m,height_m,facing_deg", *rows]), encoding="utf-8")
+    with pytest.raises(InputError, match="are its lengths millimeters"):
+        read_measured_map(form, [], FormDefaults("lm8", 0.18))
