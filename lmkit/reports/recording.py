@@ -47,7 +47,7 @@ def survey_report(survey: Survey, motion: Motion | None, warnings: Sequence[str]
     parts = [
         f"<p>{len(bundle.landmarks)} landmarks, {len(bundle.times_s)} frames, {len(bundle.of)} observations, "
         f"{survey.dropped} rejected; reprojection error {bundle.rms_px:.2f} px (RMS)</p>",
-        headline(*_survey_headline(survey)),
+        headline(*_survey_headline(survey, motion)),
         listed("Warnings", warnings),
         "<h2>Map and trajectory</h2>",
         figure(plan, "Landmarks and poses of the left camera from above, with 95 % ellipses."),
@@ -181,9 +181,13 @@ def _looking(tracked: TrackedTrajectory) -> list[Pose]:
     return [tracked.looking(k) for k in range(len(tracked))]
 
 
-def _survey_headline(survey: Survey) -> tuple[str, str, str]:
+def _survey_headline(survey: Survey, motion: Motion | None) -> tuple[str, str, str]:
     if survey.contradicted or survey.bundle.jumps:
-        return "poor", _contradictions(survey), "The warnings name the observations and what to check in the room."
+        return (
+            "poor",
+            _contradictions(survey, motion),
+            "The warnings name the observations and what to check in the room.",
+        )
     if survey.unplaced or survey.poorly_determined or survey.ambiguous or survey.off_constraint:
         return (
             "fair",
@@ -198,13 +202,13 @@ def _survey_headline(survey: Survey) -> tuple[str, str, str]:
     )
 
 
-def _contradictions(survey: Survey) -> str:
-    """The headline of a survey whose observations contradict each other."""
+def _contradictions(survey: Survey, motion: Motion | None) -> str:
+    """The headline of a survey whose observations contradict each other; with odometry, a jump folds no map."""
     parts = []
     if names := [str(landmark.id) for landmark in survey.contradicted]:
         subject = "1 landmark contradicts" if len(names) == 1 else f"{len(names)} landmarks contradict"
         parts.append(f"{subject} the map: {', '.join(names)}")
-    if folds := [str(fold.id) for fold in folds_of(survey.bundle)]:
+    if folds := [str(fold.id) for fold in folds_of(survey.bundle)] if motion is None else []:
         parts.insert(0, f"The map is probably folded at {', '.join(folds)}")
     elif count := len(survey.bundle.jumps):
         parts.append("1 jump of the trajectory" if count == 1 else f"{count} jumps of the trajectory")
