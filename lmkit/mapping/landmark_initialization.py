@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -35,6 +36,7 @@ CAP = 8 * 4.5**2  # of a view's chi2
 LOCATED_PX, CARRIED_PX = 0.5, 12.0  # corner error due to the pose of the frame, located or from dead reckoning
 CARRY_M = 6.0  # dead reckoning is used up to this distance
 SAME_M, SAME_RAD = 0.3, 0.35
+AT_ONCE = 100  # landmarks of one call: its tables have a number for each candidate and view
 
 At = list[tuple[int, Pose, float]]  # frame, T_map_left, and corner error due to that pose
 
@@ -97,8 +99,9 @@ class Placing:
         candidates = [
             _Candidates(key, found, views) for key, views in at.items() if (found := self._poses(key, views))
         ]
+        parts = [candidates[first : first + AT_ONCE] for first in range(0, len(candidates), AT_ONCE)]
         placed = {}
-        for one, chi2 in zip(candidates, self._chi2(candidates), strict=True):
+        for one, chi2 in zip(candidates, chain.from_iterable(map(self._chi2, parts)), strict=True):
             best = _best(one.poses, chi2, least)
             if best is not None:
                 placed[one.key] = MappedLandmark(one.key, self._sizes_m[one.key], one.poses.pose(best))
