@@ -170,24 +170,17 @@ class BundleProblem:
         if isinstance(self.seen, ObservationArrays):
             self.seen = StoredObservations.write(self.seen, path)
 
-    def optimize(
-        self,
-        steps: int,
-        least_gain: float = CONVERGED,
-        least_share: float = 0.0,
-        until: Callable[[State], bool] | None = None,
-    ) -> None:
+    def optimize(self, steps: int, least_share: float = 0.0, until: Callable[[State], bool] | None = None) -> None:
         """Levenberg-Marquardt from the current unknowns.
 
         Args:
             steps: largest number of steps.
-            least_gain, least_share: of the cost, or of its share; a step that is predicted to lower the cost by less
-                is the last one.
+            least_share: of the cost; a step that is predicted to lower it by less is the last one.
             until: a state that needs no further step.
         """
         if _are_same(self._converged, self._arrays()):
             return
-        end = minimize(self, self.state(), steps, least_gain, DAMPING, least_share, until, _predicted_gain)
+        end = minimize(self, self.state(), steps, CONVERGED, DAMPING, least_share, until, _predicted_gain)
         self.restore(end.state)
         self._converged = self._arrays() if end.gain is not None and end.gain < CONVERGED else None
 
