@@ -23,6 +23,8 @@ from lmkit.model.landmark_map import LandmarkMap, MappedLandmark
 from lmkit.odometry.motion_model import Motion, describe_odometry
 from lmkit.units import counted
 
+LISTED = 3  # more landmarks with large standard deviations are not listed one by one
+
 
 @dataclass(frozen=True)
 class ContradictedLandmark:
@@ -189,7 +191,10 @@ def survey_warnings(
 ) -> list[str]:
     """Warnings about what a user should check, one sentence each."""
     mapped_landmarks = result.bundle.landmarks
-    texts = [str(moved) for moved in result.moved]
+    hinges = hinges_of(result.bundle) if motion is None else []
+    # A fold comes first, since landmarks that overlap follow from it.
+    texts = [str(hinge) for hinge in hinges if hinge.jump is not None]
+    texts += [str(moved) for moved in result.moved]
     if result.disputed:
         texts.append(disputed_text(result.disputed))
     texts += kept_out_texts(result.kept_out, result.frames)
@@ -199,7 +204,6 @@ def survey_warnings(
     doubt = None if motion is None else describe_odometry(motion, result.bundle.parameters)
     if doubt is not None:
         texts.append(doubt)
-    hinges = hinges_of(result.bundle) if motion is None else []
     folds = {hinge.jump for hinge in hinges}
     for jump in result.bundle.jumps:
         if jump in folds:
@@ -210,7 +214,7 @@ def survey_warnings(
             f"between {from_s:.2f} and {to_s:.2f} s the rig jumps by {meters:.2f} m: it slid or was carried, or a "
             f"landmark seen there{seen} was moved, or its second pose is the right one; look from another side"
         )
-    texts += [str(hinge) for hinge in hinges]
+    texts += [str(hinge) for hinge in hinges if hinge.jump is None]
     for code in result.ambiguous:
         texts.append(f"{code} has an ambiguous pose: it was seen from one side, far away; look from another side")
     for code, constraint, meters in result.off_constraint:
@@ -231,11 +235,25 @@ def survey_warnings(
 
 def _poorly_known(result: Survey, advice: Mapping[LandmarkId, str]) -> list[str]:
     """Landmarks with large standard deviations; those with the same advice in one sentence."""
-    by_advice: dict[str, list[str]] = {}
-    for code, place, turn in result.poorly_determined:
-        known = f"{code} has standard deviations of {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg"
-        by_advice.setdefault(advice.get(code, ""), []).append(known)
-    return [f"{', '.join(known)}: {text}" if text else ", ".join(known) for text, known in by_advice.items()]
+    by_advice: dict[str, list[tuple[LandmarkId, float, float]]] = {}
+    for one in result.poorly_determined:
+        by_advice.setdefault(advice.get(one[0], ""), []).append(one)
+    known = {text: _deviations_text(some) for text, some in by_advice.items()}
+    return [f"{sentence}: {text}" if text else sentence for text, sentence in known.items()]
+
+
+def _deviations_text(some: Sequence[tuple[LandmarkId, float, float]]) -> str:
+    """Standard deviations (m, rad) of landmarks; of many, the largest."""
+    if len(some) <= LISTED:
+        return ", ".join(
+            f"{id_} has standard deviations of {1000 * place:.0f} mm and {math.degrees(turn):.1f} deg"
+            for id_, place, turn in some
+        )
+    place, turn = max(one[1] for one in some), max(one[2] for one in some)
+    return (
+        f"{len(some)} landmarks have standard deviations of up to {1000 * place:.0f} mm and {math.degrees(turn):.1f} "
+        f"deg ({ids_text([one[0] for one in some])})"
+    )
 
 
 def survey_lines(result: Survey, frames: int, output: Path) -> list[str]:
